@@ -54,7 +54,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     counts = {"cycles": "1", "busy": "64'(busy)"}
 
     def changes(name: str, width: int, value: str) -> str:
-        """A value and the one a cycle before."""
+        """A value, and its value a cycle before."""
         lines.append(f"wire [{width - 1}:0] {name} = {{{value}}}; reg [{width - 1}:0] before_{name};")
         lines.append(f"always @(posedge clk) before_{name} <= {name};")
         return f"{name} ^ before_{name}"

@@ -2,7 +2,7 @@
 
 It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with ``bench.json``, the settings
 (`eskin.cosim.flow`), which name the file of vectors: the trace that the golden model computed. It leaves ``result.json``.
-Any other scenario is its own cocotb test that starts from `Bench`.
+Any other scenario is a separate cocotb test that starts from `Bench`.
 """
 
 import json
@@ -15,6 +15,7 @@ import numpy as np
 from cocotb.queue import Queue
 from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
+from eskin.cosim.results import Answer, Conversion
 from eskin.cosim.scoreboard import (
     INPUT_STALLED,
     KEPT,
@@ -25,7 +26,7 @@ from eskin.cosim.scoreboard import (
     flat_stages,
     loading,
 )
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, write_json
 from eskin.golden.core.converters import code_bits
 
 CYCLE_NS = 10
@@ -61,11 +62,11 @@ class StageMonitor:
 
 
 class EventReader:
-    """Reads the wrapper's events whenever it wakes, and gives those of each kind to whom they concern.
+    """Reads the wrapper's events whenever it wakes, and gives each kind of event to its receiver.
 
     Attributes
     ----------
-    take: kind -> what is called with its `Values`.
+    take: kind -> function that takes its `Values`.
     """
 
     def __init__(self, dut) -> None:
@@ -91,7 +92,7 @@ class HostBus:
 
     Parameters
     ----------
-    registers: name -> address. commands: those of register CONTROL, name -> bit.
+    registers: name -> address. commands: bits of register CONTROL by name.
     """
 
     def __init__(self, dut, registers: Mapping[Any, int], commands: Mapping[str, int]) -> None:
@@ -103,7 +104,7 @@ class HostBus:
         await self._access(register, self._dut.bus__w_stb)
 
     async def read(self, register: str, offset: int = 0) -> int:
-        """A register, or the one ``offset`` behind it; fails on an X bit."""
+        """The register ``offset`` addresses behind ``register``; fails on an X bit."""
         await self._access(register, self._dut.bus__r_stb, offset)
         value = self._dut.bus__r_data.value
         if not value.is_resolvable:
@@ -135,8 +136,8 @@ class FrameSource:
     ----------
     frames: sent so far; sent: of this recording. overruns: of these, those with a ``period`` that were due before the
     hardware was ready. waited: cycles in which a number was offered and not taken. stalled: it was a frame's first
-    one, in this recording. longest: cycles of a frame, from its first number's offer on. offered, taken: cycles of
-    the first and the last number of each frame of the recording; scans: in which those of a converter began.
+    one, in this recording. longest: cycles of a frame, from its first number's offer on. offered, accepted: cycles of
+    the first and the last number of each frame of the recording; scans: cycles in which a converter's scans began.
     jitter: largest distance of one from the declared rate, cycles.
     """
 
@@ -144,7 +145,7 @@ class FrameSource:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free, self.jitter, self.stalled = Event(), 0.0, False
         self.frames = self.overruns = self.waited = self.longest = self.sent = 0
-        self.offered, self.taken, self.scans = list[int](), list[int](), list[int]()
+        self.offered, self.accepted, self.scans = list[int](), list[int](), list[int]()
         events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
         events.take |= dict.fromkeys(("frame", "lost"), self._was_taken)
         events.take["scan"] = self._has_scanned
@@ -154,7 +155,7 @@ class FrameSource:
         decision is accepted."""
         self._due = self._dut.cycle.value.to_unsigned() + 1
         self.sent, self.stalled = 0, False
-        self.offered, self.taken, self.scans = [], [], []
+        self.offered, self.accepted, self.scans = [], [], []
         if stalls is None:
             return
         for pattern in (self._dut.offers, self._dut.accepts):
@@ -177,9 +178,9 @@ class FrameSource:
             await self._free.wait()
 
     def untimely(self) -> int:
-        """The first frame (from 2 on) that was not offered when it was due, or else when the one before was through; 0:
+        """The first frame (from 2 on) that was not offered when it was due, or else when the frame before was through; 0:
         there is none."""
-        right = np.maximum(self._dues(1, len(self.taken) - 1), self.taken[:-1]) + 1
+        right = np.maximum(self._dues(1, len(self.accepted) - 1), self.accepted[:-1]) + 1
         return int(np.append(np.flatnonzero(self.offered[1:] != right) + 2, 0)[0])
 
     def _dues(self, first: int, count: int) -> np.ndarray:
@@ -199,7 +200,7 @@ class FrameSource:
 
     def _was_taken(self, values: Values) -> None:
         self.offered += (values.cycles - values.codes + 1).tolist()
-        self.taken += values.cycles.tolist()
+        self.accepted += values.cycles.tolist()
         self.longest = max(self.longest, *values.codes.tolist())
 
 
@@ -227,7 +228,7 @@ class Bench:
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
         self.scoreboard = Scoreboard(self.config, self.map, probes=self.settings["probes"])
-        self.result: dict[str, Any] = {"probe": False}
+        self.probed = False
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
@@ -268,7 +269,7 @@ class Bench:
         seed = settings["stalls"]
         source.begin(None if seed is None else np.random.default_rng([seed, recording.number]))
         frames = recording[settings["frames"]]
-        while settings["probe"] and not self.result["probe"] and len(frames):
+        while settings["probe"] and not self.probed and len(frames):
             await source.send(frames[:PROBED])
             await self.until(dut.idle)
             await self.write_weights()
@@ -292,10 +293,10 @@ class Bench:
         status = {name: await self.bus.read(name) for name in KEPT}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
         self.scoreboard.faults |= INPUT_STALLED * source.stalled
-        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
+        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.accepted)
 
-    async def _look(self, behind: str) -> None:
-        self.scoreboard.look(behind, await self.bus.read("STATUS"))
+    async def _look(self, after: str) -> None:
+        self.scoreboard.look(after, await self.bus.read("STATUS"))
 
     async def write_weights(self) -> None:
         """If a touch is open, weights are written; the chain must refuse that and tell of it."""
@@ -306,7 +307,7 @@ class Bench:
             await self.bus.write("MEMORY_DATA", 0x5A5A)
         await self.until(self.dut.idle)
         self.scoreboard.faults |= WRITE_REFUSED
-        self.result["probe"] = True
+        self.probed = True
 
     async def until(self, signal: Any, cycles: float = 0) -> None:
         """``idle`` or ``through`` (all frames that were sent are taken) is high; at most so many cycles longer than
@@ -337,14 +338,25 @@ class Bench:
             self.dut.dump.value = 0
             await FallingEdge(self.dut.clk)
         dut, source = self.dut, self.source
-        self.result |= {"frames": source.frames, "overruns": source.overruns, "input_stalls": source.waited}
-        self.result["simulated_cycles"] = dut.cycle.value.to_unsigned()
+        answer = Answer.of(
+            self.scoreboard,
+            frame_max=source.longest,
+            frames=source.frames,
+            simulated_cycles=dut.cycle.value.to_unsigned(),
+            overruns=source.overruns,
+            input_stalls=source.waited,
+            probe=self.probed,
+        )
         if self.settings["frames"] == "codes":
-            found = {name: getattr(dut, name).value.to_unsigned() for name in ("faults", "violations")}
-            found |= {"jitter_cycles": round(source.jitter, 3), "code_bits": code_bits(self.config)}
-            found["converter"] = self.config.interface.converter.name
-            self.result |= {"conversion": found, "overruns": found["faults"] >> 2 & 1}
-        Path("result.json").write_text(json.dumps(self.result | self.scoreboard.result(source.longest)))
+            answer.conversion = Conversion(
+                converter=self.config.interface.converter.name,
+                code_bits=code_bits(self.config),
+                jitter_cycles=round(source.jitter, 3),
+                faults=dut.faults.value.to_unsigned(),
+                violations=dut.violations.value.to_unsigned(),
+            )
+            answer.overruns = answer.conversion.faults >> 2 & 1
+        write_json("result.json", answer)
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:
         """A difference that is found beside the test ends it."""
@@ -356,7 +368,7 @@ class Bench:
         self.dut.dump.value = 1
 
     def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
-        frame = frame or len(self.source.taken) + 1
+        frame = frame or len(self.source.accepted) + 1
         raise self.scoreboard.mismatch(stage, 0, 0, got, cycle, place, frame)
 
     def _unknown(self, values: Values) -> None:

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eskin.cosim.device import FRAME_END, SETTLE, Accelerator, Design
+from eskin.cosim.results import Answer
 from eskin.cosim.scoreboard import INPUT_STALLED, KEPT, Mismatch, Recording, Scoreboard, loading
-from eskin.golden.core import Progress, Record, SimulationError
+from eskin.golden.core import Progress, SimulationError
 
 if TYPE_CHECKING:
     from eskin.cosim.flow import Run
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 def play(
     run: "Run", positions: Sequence[int], progress: Progress, *, seed: int = 1, threads: int = 1
-) -> Record:
+) -> Answer:
     """Play recordings, up to the first value that differs, and say what `eskin.cosim.bench.Bench` says.
 
     Parameters
@@ -40,7 +41,7 @@ def play(
     registers, boot = loading(Path(settings["design"]))
     verilog = "".join(path.read_text() for path in hardware.sources)
     progress("compiling the design", 0, 0)
-    design = Design(verilog, run.builds, quick=hardware.level == "netlist")
+    design = Design(verilog, run.how.builds, quick=hardware.level == "netlist")
     progress("played in bulk", 0, len(recordings))
 
     def played(place: int) -> tuple[Accelerator, int, dict[str, int], dict[str, int]]:
@@ -57,7 +58,7 @@ def play(
             pace, look, samples = settings["period"], recordings[place].look, recordings[place]["samples"]
             device.frames(samples[:look], pace, device.limit)
             if look:
-                device.state.watch = number["STATUS"]  # which takes no cycle of its own
+                device.state.watch = number["STATUS"]  # which takes no extra cycle
                 device.frames(samples[look : look + 1], pace, device.limit)
                 device.state.watch, looks["TOUCH"] = -1, device.get("bus__r_data")
             device.frames(samples[look + bool(look) :], pace, device.limit)
@@ -73,32 +74,33 @@ def play(
     scoreboard, counts = Scoreboard(config, registers, probes=hardware.probes), Counter[str]()
     longest, pool = 0, ThreadPoolExecutor(threads)
     try:
-        for number, came in enumerate(pool.map(played, range(len(recordings)))):
-            device, armed, looks, status = came
+        for number, result in enumerate(pool.map(played, range(len(recordings)))):
+            device, armed, looks, status = result
             progress("played in bulk", number + 1, len(recordings))
             events, state = device.seen(), device.state
-            taken = events["cycle"][events["stage"] == FRAME_END].tolist()
+            accepted = events["cycle"][events["stage"] == FRAME_END].tolist()
             longest = max(longest, state.frame_cycles_max)
-            counts.update(frames=len(taken), simulated_cycles=state.cycle)
+            counts.update(frames=len(accepted), simulated_cycles=state.cycle)
             late = (state.overruns + state.refused) * bool(settings["period"])
             counts.update(overruns=late, input_stalls=state.stalls)
             scoreboard.begin(recordings[number], armed)
             scoreboard.faults = INPUT_STALLED * bool(state.refused)
             if not status:
                 place = "nothing moves for the watchdog's time"
-                raise scoreboard.mismatch("input", 0, 0, "a standstill", place=place, frame=len(taken) + 1)
+                raise scoreboard.mismatch("input", 0, 0, "a standstill", place=place, frame=len(accepted) + 1)
             for stage, values in device.streams().items():
                 with suppress(Mismatch):  # a later stage may differ earlier
                     scoreboard.check(stage, *values)
             if scoreboard.differing:
                 break
-            for behind, word in looks.items():
-                scoreboard.look(behind, word)
-            scoreboard.end(status, taken)
+            for after, word in looks.items():
+                scoreboard.look(after, word)
+            scoreboard.end(status, accepted)
             device.close()
     except Mismatch:  # the scoreboard has it
         pass
     finally:
         pool.shutdown(cancel_futures=True)
-    said = {"probe": False, "wall_s": time.monotonic() - begun}
-    return said | counts | scoreboard.result(longest)
+    answer = Answer.of(scoreboard, frame_max=longest, probe=False, **counts)
+    answer.wall_s = time.monotonic() - begun
+    return answer

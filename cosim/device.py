@@ -86,7 +86,7 @@ class Device:
 
     Attributes
     ----------
-    state: its counts and settings. stages: what is taken down, ``decision`` the last.
+    state: its counts and settings. stages: recorded stages, ``decision`` the last.
     """
 
     def __init__(
@@ -243,7 +243,7 @@ class Accelerator(Device):
         self.settle(self.limit, SETTLE)
 
     def register(self, name: str, offset: int = 0) -> int:
-        """A register, or the one ``offset`` behind it."""
+        """The register ``offset`` addresses behind ``register``."""
         return self.read(self._addresses[name] + offset)
 
     def brought(self, frames: np.ndarray | None = None) -> dict[str, list[int]]:
@@ -257,6 +257,6 @@ class Accelerator(Device):
         if frames is not None:
             self.frames(frames, limit=self.limit)
         self.settle(self.limit)
-        came = {stage: values.tolist() for stage, (values, _) in self.streams().items() if values.size}
+        found = {stage: values.tolist() for stage, (values, _) in self.streams().items() if values.size}
         self.forget()
-        return came
+        return found

@@ -100,7 +100,7 @@ def build(
     waves:
         Able to write a VCD (Verilator needs code for it, which is slower).
     wrapper, top:
-        What is simulated, and its module; None: ``top`` is in ``design``.
+        Simulated design and its module; None: ``top`` is in ``design``.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def build(
         The build fails.
     """
     if simulator not in ("verilator", "icarus"):
-        raise InputError(f"--simulator {simulator}: is unknown; use verilator or icarus")
+        raise InputError(f"`simulator` {simulator}: is unknown; use verilator or icarus")
     verilator = simulator == "verilator"
     need_tools(*(("perl", "g++", "make") if verilator else ("iverilog", "vvp")))
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]
@@ -135,7 +135,7 @@ def build(
 
     described = [top, set_to, *options, trace, QUICKLY_COMPILED, COMMON_OPTIONS, sys.executable]
     described += [importlib.metadata.version("cocotb"), tool.stat().st_mtime_ns, *sources]
-    return Build(simulator, kept(root, simulator, described, make), top)
+    return Build(simulator, cached(root, simulator, described, make), top)
 
 
 def build_library(design: str, top: str, kernel: Path, builds: Path, quick: bool = False) -> Path:
@@ -172,7 +172,7 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, quick: bool
         _verilated(folder, top, "device.so", LIBRARY_OPTIONS, sources, compiling, ports)
 
     described = [design, top, LIBRARY_OPTIONS, compiling, verilator_command()[0].stat().st_mtime_ns]
-    return kept(builds, kernel.stem, [*described, kernel], make) / "device.so"
+    return cached(builds, kernel.stem, [*described, kernel], make) / "device.so"
 
 
 def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench") -> float:
@@ -192,7 +192,7 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     command = runner._test_command
     vars(runner).update(
         _get_sim_cmd_prefix=lambda: ["timeout", "-k", "5", f"{limit_s:.3f}"],
-        # the wrapper chooses what is dumped, which Icarus' -none would forbid
+        # the wrapper chooses the dumped signals, which Icarus' -none would forbid
         _test_command=lambda: [[word for word in words if word != "-none"] for words in command()],
     )
     begin = time.monotonic()
@@ -213,7 +213,7 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     return wall_s
 
 
-def kept(root: Path, kind: str, described: Sequence[Any], make: Callable[[Path], None]) -> Path:
+def cached(root: Path, kind: str, described: Sequence[Any], make: Callable[[Path], None]) -> Path:
     """A folder of ``root`` by what went into it, as of `content_key`. If it is missing, ``make`` fills a temporary one
     first: in /tmp if TMPDIR has a blank or another character that make does not take."""
     folder = root.resolve() / f"{kind}-{content_key(*described)[:16]}"
@@ -222,8 +222,8 @@ def kept(root: Path, kind: str, described: Sequence[Any], make: Callable[[Path],
             usual = tempfile.gettempdir()
             with tempfile.TemporaryDirectory(dir=usual if PLAIN.fullmatch(usual) else "/tmp") as work:
                 make(Path(work))
-                with replacing_folder(folder) as fresh:
-                    shutil.copytree(work, fresh, symlinks=True, dirs_exist_ok=True)
+                with replacing_folder(folder) as draft:
+                    shutil.copytree(work, draft, symlinks=True, dirs_exist_ok=True)
     return folder
 
 
@@ -278,9 +278,9 @@ def _shared_runtime(folder: Path, verilator: Path, kind: Sequence[Any]) -> Itera
     with locked(runtime.with_suffix(".lock")):
         if not runtime.exists():
             yield
-            with replacing_folder(runtime) as fresh:
+            with replacing_folder(runtime) as draft:
                 for file in folder.glob("verilated*.o"):
-                    shutil.copy(file, fresh)
+                    shutil.copy(file, draft)
             return
         for file in runtime.glob("*.o"):
             shutil.copy(file, folder)

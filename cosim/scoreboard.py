@@ -34,7 +34,7 @@ WIDE_DECISION_FIELDS = DECISION_FIELDS | {"step": (7, 8), "class": (0, 7), "marg
 MARGIN_UNIT = 4
 KEPT: dict[str, Callable[[int, int], int]] = {"FAULTS": operator.or_, "LONGEST": max}
 KEPT |= dict.fromkeys(("STATUS", "TOUCHES", "VERSION"), lambda _, last: last)
-"""Registers read behind every recording, and what is kept of two recordings' values."""
+"""Registers read behind every recording, and how two recordings' values are joined."""
 ARMED, TOUCH, BUSY, NO_TOUCH = 1, 2, 4, 8
 """Bits of STATUS."""
 WRITE_REFUSED, INPUT_STALLED, OVERRUN, TAXEL_FAULT = 1, 2, 8, 64
@@ -120,7 +120,7 @@ class Recording:
         return (begin + margin) * (0 < begin < end - 2 * margin)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        # an array without offsets of its own has a row a frame
+        # an array without offsets has a row a frame
         own = f"{name.removesuffix('_frame')}_offsets"
         offsets = self.arrays[own if own in self.arrays else "offsets"]
         return self.arrays[name][slice(*offsets[self.position : self.position + 2].tolist())]
@@ -173,22 +173,23 @@ class Scoreboard:
     Attributes
     ----------
     compared: values compared so far, by stage. counts: steps, decisions. took, late: cycles of each step, and from the
-    last taxel to each decision. differing: the first difference, if one was found. armed: cycle of the recording's ARM.
+    last taxel to each decision. differing: the first difference, if one was found. registers:
+    last read, by name. armed: cycle of the recording's ARM.
     faults: bits of FAULTS that whoever plays the recording has caused.
     """
 
     def __init__(self, config: AcceleratorConfig, map_: Mapping[str, Any], *, probes: bool = True) -> None:
-        self._config, self._flat, self._map = config, flat_stages(config) if probes else {}, map_
+        self.config, self._flat, self._map = config, flat_stages(config) if probes else {}, map_
         chain = [stage for stage in flat_stages(config) if stage != "fault" or config.faults.fault_frames]
         self.compared = Counter(dict.fromkeys([*chain, "decision", "status"], 0))
         self.counts = {"steps": 0, "decisions": 0}
         self.took, self.late, self.differing = list[int](), list[int](), list[Mismatch]()
-        self._registers: dict[str, int] = {}
+        self.registers: dict[str, int] = {}
 
     def begin(self, recording: Recording, armed: int = 0) -> None:
         """Start ``recording``: later values belong to it. armed: cycle of its ARM."""
         self.recording, self.armed, self.faults = recording, armed, 0
-        words = [pack_decision(self._config, row) for row in recording["decision"].tolist()]
+        words = [pack_decision(self.config, row) for row in recording["decision"].tolist()]
         self._wanted = {stage: recording[stage] for stage in self._flat}
         self._wanted["decision"] = np.array(words, np.uint32)
         self._seen = dict.fromkeys(self._wanted, 0)
@@ -223,7 +224,7 @@ class Scoreboard:
             want = int(wanted[index]) if index < len(wanted) else None
             raise self.mismatch(stage, low + index, want, int(values[index]), cycles[index])
 
-    def look(self, behind: str, status: int) -> None:
+    def look(self, after: str, status: int) -> None:
         """STATUS behind ``ARM`` when nothing is on its way any more, behind the frames of
         `Recording.look` (``TOUCH``), in the cycle behind ``FINISH``.
 
@@ -231,30 +232,30 @@ class Scoreboard:
         ------
         Mismatch
         """
-        at_once = self._config.opens_at_once and not self._config.is_image
+        at_once = self.config.opens_at_once and not self.config.is_image
         want, ignored = {
             "ARM": (NO_TOUCH if at_once else NO_TOUCH | ARMED, 0),
             "TOUCH": (TOUCH, BUSY),
             "FINISH": (BUSY, ~BUSY),
-        }[behind]
-        self._equal({f"STATUS behind {behind}": (want, status & ~ignored)})
+        }[after]
+        self._equal({f"STATUS behind {after}": (want, status & ~ignored)})
 
-    def end(self, status: Mapping[str, int], taken: Sequence[int] | None = None) -> None:
+    def end(self, status: Mapping[str, int], accepted: Sequence[int] | None = None) -> None:
         """The recording is over.
 
         Parameters
         ----------
         status:
             Registers of `KEPT` and, where there are fault flags, TAXEL_FAULTS (all of its words as one number).
-        taken:
+        accepted:
             Cycle of the last taxel of each frame. None: not known, nor whether INPUT_STALLED may be set.
 
         Raises
         ------
         Mismatch
         """
-        for name, kept in KEPT.items():
-            self._registers[name] = kept(self._registers.get(name, 0), status[name])
+        for name, combine in KEPT.items():
+            self.registers[name] = combine(self.registers.get(name, 0), status[name])
         for stage, wanted in self._wanted.items():
             if (seen := self._seen[stage]) < len(wanted):
                 raise self.mismatch(stage, seen, int(wanted[seen]), None)
@@ -263,7 +264,8 @@ class Scoreboard:
         ends = frames[local][2:]
         # a window waits for room only while the step two before it is not over
         waits = (
-            taken is None or (np.array(self._offered)[local][: len(ends)] > np.array(taken)[ends - 1]).any()
+            accepted is None
+            or (np.array(self._offered)[local][: len(ends)] > np.array(accepted)[ends - 1]).any()
         )
         flags = np.flatnonzero(arrays["flags"][position]).tolist() if "flags" in arrays else []
         want = registers_behind(
@@ -273,14 +275,16 @@ class Scoreboard:
             touches=int(arrays["touches"][position]),
             steps=int(local.sum()),
             faults=self.faults | TAXEL_FAULT * bool(flags),
-            may_be=INPUT_STALLED * (taken is None) | OVERRUN * bool(waits and len(ends)),
+            may_be=INPUT_STALLED * (accepted is None) | OVERRUN * bool(waits and len(ends)),
         )
-        if self._config.faults.fault_frames and "TAXEL_FAULTS" in status:
+        if self.config.faults.fault_frames and "TAXEL_FAULTS" in status:
             want["TAXEL_FAULTS"] = sum(1 << taxel for taxel in flags)
         self._equal({name: (value, status[name]) for name, value in want.items()})
         self.counts["decisions"] += self._seen["decision"]
         pairs = zip(frames.tolist(), self._offered, strict=False)
-        self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if taken and 0 < frame <= len(taken)]
+        self.late += [
+            cycle - accepted[frame - 1] for frame, cycle in pairs if accepted and 0 < frame <= len(accepted)
+        ]
 
     def _equal(self, values: Mapping[str, tuple[int, int]]) -> None:
         """Compare expected values of registers, by name, with what was read."""
@@ -288,32 +292,6 @@ class Scoreboard:
         for index, (place, (want, got)) in enumerate(values.items()):
             if want != got:
                 raise self.mismatch("status", index, want, got, place=place)
-
-    def result(self, frame_max: int) -> Record:
-        """steps, decisions, stages, cycles, registers, mismatch_list, gave_up, as `eskin.cosim.flow.cosim` describes
-        them; mismatch: the fields of `Mismatch`, or None."""
-        cycles = {
-            "step_ideal": self._config.step_ideal,
-            "frame_max": frame_max,
-            "step_min": min(self.took, default=None),
-            "step_max": max(self.took, default=None),
-            "decision_latency_max": max(self.late, default=None),
-        }
-        stages = {name: {"compared_values": count, "mismatches": 0} for name, count in self.compared.items()}
-        result: Record = {
-            **self.counts,
-            "stages": stages,
-            "cycles": cycles,
-            "mismatch": None,
-            "gave_up": None,
-        }
-        for found in self.differing:
-            stages.setdefault(found.stage, {"compared_values": 0})["mismatches"] = 1
-            result["mismatch"] = vars(found)
-            if found.stage == "input":
-                result["gave_up"] = {"recording": found.recording, "frame": found.frame}
-        result["registers"] = {name: self._registers.get(name) for name in KEPT}
-        return result | {"mismatch_list": [str(found) for found in self.differing]}
 
     def mismatch(
         self,
@@ -326,7 +304,7 @@ class Scoreboard:
         frame: int = 0,
     ) -> Mismatch:
         """The first by its cycle: this one in the present recording, or one that was found before. By default it is at the
-        place of that value of a stage; a decision's are those of its first field that differs."""
+        place of that value of a stage; a decision shows its first field that differs."""
         if want is None:
             place = "one too many"
         elif not place:
@@ -341,8 +319,8 @@ class Scoreboard:
         rows, frames = self.recording["decision"], self.recording["decision_frame"]
         missing = ", the first that is missing" if got is None else ""
         if stage == "decision":
-            aim = unpack_decision(self._config, want)
-            fields: Record = {"class": None} if missing else unpack_decision(self._config, got)
+            aim = unpack_decision(self.config, want)
+            fields: Record = {"class": None} if missing else unpack_decision(self.config, got)
             name = next(name for name, value in fields.items() if value != aim[name])
             of = "the global decision" if aim["is_global"] else f"step {aim['step']}"
             return frames[index], f"{name} of {of}{missing}", aim[name], fields[name]

@@ -139,7 +139,7 @@ class Model:
         self._fitted: tuple[np.ndarray, np.ndarray] | None = None  # of each class: label, share
 
     def _asked(self) -> tuple[AcceleratorConfig | None, Record]:
-        """(configuration, options of `TrainRequest`) that the parameters ask for."""
+        """(configuration, fields of `Wanted`) that the parameters ask for."""
         values = self._parameters
         config, groups = values["config"], values["groups"]
         words = [groups] if isinstance(groups, str) else groups if isinstance(groups, (list, tuple)) else []
@@ -258,8 +258,8 @@ class Model:
             asked for.
         """
         from eskin.choose.choice import train_chosen
-        from eskin.requests import TrainRequest
         from eskin.training.integers import quantise
+        from eskin.training.wanted import Wanted
         from eskin.verbs.cost import cost_model
 
         asked, options = self._asked()
@@ -278,8 +278,8 @@ class Model:
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
             prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
-            request = TrainRequest(data="", out=folder, **options)
-            train_chosen(recordings, asked, prices, request, progress=progress, callback=callback)
+            wanted = Wanted(out=folder, **options)
+            train_chosen(recordings, asked, prices, wanted, progress=progress, callback=callback)
             quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)
         self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training

@@ -2,22 +2,22 @@
 content.
 
 A *piece* is a value that a function of a module's top level turns into a result that JSON can hold:
-``function(shared, piece)``. Data that all pieces need, such as recordings, is ``shared`` and sent to every
-worker once. The key of a piece is a hash of everything that its result depends on (``content_key``). With a
-folder for results, interrupted work resumes, and repeated work is not computed again.
+``function(shared, piece)``. Data that all pieces need, such as recordings, is ``shared``. The key of a piece is a hash
+of everything that its result depends on (``content_key``). With a folder for results, interrupted work resumes, and
+repeated work is not computed again.
 """
 
 import contextlib
-import multiprocessing
 import os
-import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+import time
+from collections.abc import Callable, Generator
+from concurrent.futures import BrokenExecutor, CancelledError
 from dataclasses import dataclass
 from typing import Any
+
+from joblib import Parallel, delayed, parallel_config
 
 from eskin.golden.core import InputError, Progress, Record
 from eskin.memo import Memo
@@ -25,12 +25,10 @@ from eskin.memo import Memo
 Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
 
-Submit = Callable[[Function, Any], Future[Any]]
-"""Begins a function and a piece. What is not finished is given up when the block that has it is left by an
-exception."""
+Results = Generator[tuple[str, Any], None, None]
+"""Key and result of each piece, as they arrive; what is not finished is given up when it is closed."""
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Environment of a worker: there are as many workers as cores."""
+DIED = "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,18 +89,12 @@ class Jobs:
         if self.progress:
             self.progress(what, 0, len(waiting))
         workers = min(self.workers or os.cpu_count() or 1, len(waiting))
-        place: contextlib.AbstractContextManager[Submit | None] = contextlib.nullcontext()
         if self.dask is not None:
-            place = _cluster(self.dask, shared, self.version)
-        elif workers > 1:
-            place = _processes(workers, shared)
-        with place as submit:
-            arriving = ((key, function(shared, piece)) for key, piece in waiting.items())
-            if submit:
-                with _quiet_children():
-                    futures = {submit(function, piece): key for key, piece in waiting.items()}
-                arriving = ((futures[future], future.result()) for future in as_completed(futures))
-            for finished, (key, result) in enumerate(arriving, 1):
+            results_as_done = _on_cluster(self.dask, self.version, function, shared, waiting)
+        else:
+            results_as_done = _on_cores(workers, function, shared, waiting)
+        with contextlib.closing(results_as_done) as done:
+            for finished, (key, result) in enumerate(done, 1):
                 if keep:
                     keep.write(key, result)
                 results[key] = result
@@ -111,82 +103,44 @@ class Jobs:
         return results
 
 
+def _keyed(function: Function, shared: Any, key: str, piece: Any) -> tuple[str, Any]:
+    return key, function(shared, piece)
+
+
 # ---------------------------------------------------------------------- processes of this machine
-_shared: Any = None
+def _begin_worker(parent: int) -> None:
+    """Make this process a worker: a process group that ends with its parent, with all that it has started.
 
-
-def _begin_worker(shared: bytes) -> None:
-    """Make this process a worker: a process group of its own that ends with its parent.
-
-    Ctrl-C at a terminal then reaches the parent alone. The parent ends its workers, each with all that it has
-    started.
+    Ctrl-C at a terminal then reaches the parent alone, which ends its workers.
     """
-    global _shared
-    with contextlib.suppress(PermissionError):  # it leads its session already
-        os.setpgid(0, 0)
+    os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    # pickled once by the parent: the pool would pickle it again for every worker
-    _shared = pickle.loads(shared)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os.killpg(0, signal.SIGKILL)
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1)
+    os.killpg(0, signal.SIGKILL)
 
 
-def _in_worker(function: Function, piece: Any) -> Any:
-    return function(_shared, piece)
-
-
-@contextlib.contextmanager
-def _quiet_children() -> Iterator[None]:
-    """Processes started in the block compute in one thread and do not see an interrupt until they unblock
-    it."""
-    # numpy reads these variables when it is imported, so they must stand before a worker starts
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-        signal.pthread_sigmask(signal.SIG_SETMASK, masked)  # an interrupt held back is raised here
-
-
-@contextlib.contextmanager
-def _processes(workers: int, shared: Any) -> Iterator[Submit]:
-    not_ours = set(multiprocessing.active_children())
-    # a fork would copy torch's locks in whatever state its threads hold them
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),)) as pool:
+def _on_cores(workers: int, function: Function, shared: Any, pieces: Record) -> Results:
+    # arrays travel whole: a worker that maps them as files could not write into its copy
+    options: Record = {"inner_max_num_threads": 1, "max_nbytes": None}
+    options |= {"initializer": _begin_worker, "initargs": (os.getpid(),)}
+    tasks = (delayed(_keyed)(function, shared, key, piece) for key, piece in pieces.items())
+    with parallel_config("loky", n_jobs=workers, **options):
         try:
-            yield lambda function, piece: pool.submit(_in_worker, function, piece)
-        except BaseException as error:
-            for process in set(multiprocessing.active_children()) - not_ours:
-                with contextlib.suppress(ProcessLookupError):  # not a group yet, or gone already
-                    os.killpg(process.pid or 0, signal.SIGTERM)
-                process.terminate()
-            # Wait for the pool's thread: it closes a pipe that Python writes to on its way out.
-            pool.shutdown(cancel_futures=True)
-            if isinstance(error, BrokenProcessPool):
-                raise InputError(
-                    "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
-                ) from None
-            raise
+            yield from Parallel(return_as="generator_unordered", batch_size=1)(tasks)
+        except BrokenExecutor:
+            raise InputError(DIED) from None
 
 
 # ---------------------------------------------------------------------- a cluster
-@contextlib.contextmanager
-def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Iterator[Submit]:
-    from distributed import Client
+def _on_cluster(
+    address: str, version: Callable[[], str] | None, function: Function, shared: Any, pieces: Record
+) -> Results:
+    from distributed import Client, KilledWorker, as_completed
 
     try:
         client = Client(address, timeout="10s")
@@ -214,10 +168,10 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> It
                 f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
             )
         everywhere = client.scatter(shared, broadcast=True, hash=False)
-        # changed code must not be answered from the cluster's memory
-        with client.get_executor(pure=False) as executor:
-            try:
-                yield lambda function, piece: executor.submit(function, everywhere, piece)
-            except BaseException:
-                executor.shutdown(wait=False)  # cancels what is not finished
-                raise
+        # joblib's own back end of dask waits for ever when a worker dies
+        futures = [client.submit(_keyed, function, everywhere, *keyed) for keyed in pieces.items()]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except (KilledWorker, CancelledError):
+            raise InputError(DIED) from None

@@ -4,16 +4,19 @@ field holds its help text, its default and its spelling on the command line.
 Options that several verbs share are in a base class.
 """
 
+import re
 import sys
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, dataclass_transform
 
 import typer
 
 from eskin.choose.cost import Prefer
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import InputError, Record
 from eskin.golden.core.groups import Readout, Reset
+from eskin.training.wanted import Wanted, parse_names
 
 Cell = Literal["gru", "lstm", "linear"]
 CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
@@ -49,11 +52,6 @@ def required(help: str, **settings: Any) -> Any:
 def argument(help: str, default: Any = MISSING, **settings: Any) -> Any:
     """An argument of a verb."""
     return field(default=default, metadata={"of": typer.Argument(help=help, **settings)})
-
-
-def parse_names(text: str) -> list[str]:
-    """The names in ``A,B``."""
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def parse_count(text: str) -> int:
@@ -124,7 +122,7 @@ class FrontEndOptions(DataOptions):
 
 
 @request
-class ChoiceOptions(GroupOptions, FrontEndOptions):
+class ChoiceOptions(Wanted, FrontEndOptions):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
     group: str | None = option("Group arrays A[,B..] kept on one side of every split.")
@@ -397,10 +395,12 @@ class GenerateRequest(LaneOptions):
 
 
 @request
-class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
+class CosimRequest(Simulation, ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     recordings: str = option("Number of recordings, spread over the classes.", "all", metavar="N|all")
     simulator: Literal["verilator", "icarus"] = option("Simulator.", "verilator")
-    jobs: int | None = option("Recordings played side by side. Default: one per core.", min=1)
+    threads: int | None = option(
+        "Recordings played side by side. Default: one per core.", None, "--jobs", min=1
+    )
     level: Literal["rtl", "netlist"] = option("Generated Verilog, or its netlist.", "rtl")
     target: str | None = option("Part of the netlist: a board such as icebreaker, or asic.")
     pdk: str | None = option("Chip: ihp-sg13g2 or sky130hd.", metavar="NAME")
@@ -414,7 +414,7 @@ class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     pace: Literal["full", "declared"] = option(
         "full: as fast as possible; declared: at the recordings' rate.", "full"
     )
-    clock: float | None = option("Clock for --pace declared.", metavar="HZ")
+    clock_hz: float | None = option("Clock for --pace declared.", None, "--clock", metavar="HZ")
     stalls: bool = option("Insert random stalls at input and output.", False, "--stalls")
     bench: Literal["sample", "cocotb"] = option(
         "Recordings under cocotb: one per class (others in bulk), or all.", "sample"
@@ -452,3 +452,22 @@ class AsicRequest(ModelOptions):
         "Simulate one of these recordings for its energy; takes many minutes.", metavar="D"
     )
     out: Path = option("Folder for asic.json, asic.md, netlist.v and accelerator.sdc.", Path("build/asic"))
+
+
+# ---------------------------------------------------------------------- sentences
+OPTIONS = {
+    each.name: name
+    if isinstance(name := each.metadata["of"].default, str)
+    else f"--{each.name.replace('_', '-')}"
+    for kind in [*vars().values()]
+    if is_dataclass(kind)
+    for each in fields(kind)
+    if "of" in each.metadata
+}
+"""Option that sets a field."""
+OPTIONS |= {f"no_{name}": f"--no-{option[2:]}" for name, option in OPTIONS.items()}
+
+
+def spelled(sentence: str) -> str:
+    """A sentence with options in place of fields in back quotes."""
+    return re.sub(r"`(\w+)`", lambda found: OPTIONS.get(found[1], found[0]), sentence)

@@ -202,7 +202,7 @@ class _Elaborated(Elaboratable):
 
 
 def placed(block: Block, name: str = "dut", reset: Signal | None = None) -> Block:
-    """``block``, put into the harness as submodule ``name``, with a ``reset`` of its own where it is given. It
+    """``block``, put into the harness as submodule ``name``, with its ``reset`` where one is given. It
     is elaborated here, so the signals of its inside that it has as attributes are there."""
     inner: Elaboratable = _Elaborated(Fragment.get(block, None))
     HARNESS.submodules[name] = inner if reset is None else ResetInserter(reset)(inner)

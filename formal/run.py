@@ -1,7 +1,7 @@
 """`make formal`: every proof and every seeded bug, two at a time, and the table of their results.
 
 ``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words;
-``--quick`` only those of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
+``--quick`` only the proofs of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
 goes on where it was. Exit status 0 where every proof passed and every bug was found. The table is also
 build/formal/proofs.md and proofs.json.
 """
@@ -71,19 +71,19 @@ def _anew(bug: Bug) -> Iterator[None]:
             raise ValueError(f"{bug.file} no longer has '{bug.old}': write the seeded bug anew")
         return compile(text.replace(bug.old, bug.new), loader.path, "exec")
 
-    def taken() -> dict[str, Any]:
+    def unload() -> dict[str, Any]:
         return {
             name: sys.modules.pop(name) for name in [*sys.modules] if name.startswith(("eskin.", "formal."))
         }
 
-    kept = taken()
+    before = unload()
     try:
         with mock.patch.object(SourceFileLoader, "get_code", get_code):
             yield
     finally:
-        taken()
-        sys.modules.update(kept)
-        for name, module in kept.items():
+        unload()
+        sys.modules.update(before)
+        for name, module in before.items():
             parent, _, child = name.rpartition(".")
             setattr(sys.modules[parent], child, module)
 
@@ -169,14 +169,14 @@ def solve(folder: Path, method: str) -> tuple[str, str]:
         words = [str(PROGRAMS / "yowasp-sby"), "--yosys", yosys, *tools, "-f", "task.sby"]
     path = f"{PROGRAMS}{os.pathsep}{os.environ.get('PATH', '')}"  # z3 comes with a Python package too
     done = subprocess.run(words, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True)
-    said = done.stdout + done.stderr
+    output = done.stdout + done.stderr
     if method not in BY_GATES:
-        ended = re.search(r"DONE \((\w+), rc=", said)
-        return ended[1] if ended else "ERROR", said
+        ended = re.search(r"DONE \((\w+), rc=", output)
+        return ended[1] if ended else "ERROR", output
     for end, verdict in ENDS.items():
-        if end in said:
-            return verdict, said
-    return "ERROR" if done.returncode else "TIMEOUT", said
+        if end in output:
+            return verdict, output
+    return "ERROR" if done.returncode else "TIMEOUT", output
 
 
 def run(memo: Path, job: Job) -> dict[str, Any]:
@@ -198,14 +198,14 @@ def run(memo: Path, job: Job) -> dict[str, Any]:
         (folder / "top.il").write_text(text)
         (folder / "task.sby").write_text(script)
         began = time.monotonic()
-        verdict, said = solve(folder, method)
-        (folder / "log.txt").write_text(said)
-        reached = re.findall(r"Checking assertions in step (\d+)", said)
+        verdict, output = solve(folder, method)
+        (folder / "log.txt").write_text(output)
+        reached = re.findall(r"Checking assertions in step (\d+)", output)
         result = {
             "verdict": verdict,
             "seconds": round(time.monotonic() - began, 1),
             "broken": sorted(
-                set(re.findall(r"Assert failed in top: (?:_witness_\.)?(.*?)(?:_\d+)?\n", said))
+                set(re.findall(r"Assert failed in top: (?:_witness_\.)?(.*?)(?:_\d+)?\n", output))
             ),
             "cycle": int(reached[-1]) if reached else None,
             "log": str(folder / "log.txt"),
@@ -283,8 +283,8 @@ def main(arguments: list[str] | None = None) -> int:
             for number, bug in enumerate(proof.bugs)
             for result in [results[f"{proof.title} {number}"]]
         ]
-        told = {name: getattr(proof, name) for name in ("title", "claim", "method", "depth", "reduced")}
-        records.append(told | results[f"{proof.title} None"] | {"bugs": bugs})
+        facts = {name: getattr(proof, name) for name in ("title", "claim", "method", "depth", "reduced")}
+        records.append(facts | results[f"{proof.title} None"] | {"bugs": bugs})
     cells = [[cell(record) for cell in COLUMNS.values()] for record in records]
     console.width = max(console.width, 140)  # where there is no terminal, too
     console.print(terminal_table("proofs", COLUMNS, cells))

@@ -1,4 +1,4 @@
-"""Tools of the people who change eskin: mutants, the documents' site, tables of figures. Not installed."""
+"""Tools for changing eskin: mutants, the documents' site, tables of figures. Not installed."""
 
 from pathlib import Path
 

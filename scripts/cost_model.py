@@ -114,18 +114,18 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
     lanes = (hardware.lanes, hardware.lane_type)
     with tempfile.TemporaryDirectory() as folder:
         found = energy_job.measure(model, numbers, recordings, BOARD, *lanes, work=Path(folder))
-    if not found["bit_exact"]:
+    if not found.bit_exact:
         raise RuntimeError(f"{name}: the netlist differs from the model")
-    activity, cells = found["activity"], found["cells"]
+    activity, cells = found.activity, found.cells
     return [
         config.last_frame,
-        activity["frame_cycles"],
+        activity.frame_cycles,
         config.windows.steps,
         step_cycles(config),
-        activity["step_multiplies"],
-        activity["frame_toggles"],
-        activity["step_toggles"],
-        1e6 * (found["per_touch_j"] + found["preprocessing_per_touch_j"]),
+        activity.step_multiplies,
+        activity.frame_toggles,
+        activity.step_toggles,
+        1e6 * (found.per_touch_j + found.preprocessing_per_touch_j),
         cells["SB_LUT4"],
         sum(number for kind, number in cells.items() if kind.startswith("SB_RAM40_4K")),
     ]
@@ -151,7 +151,7 @@ def read_rows(document: str) -> pd.DataFrame:
 
 
 def shares(counted_rows: pd.DataFrame) -> tuple[pd.Series, np.ndarray, np.ndarray]:
-    """A row for each counted design, as shares of the energy counted: that of clock and products; that of each
+    """A row for each counted design, as shares of the energy counted: energy of clock and products; energy of each
     toggle constant's unit. As shares of the cells counted: its `parts_of`."""
     part = PARTS[target(BOARD).device]
     configs = [suited(DESIGNS[name], target(BOARD)) for name in counted_rows.index]

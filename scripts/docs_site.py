@@ -78,7 +78,7 @@ def summary_of(path: Path) -> str:
 def sections_of(path: Path) -> set[int]:
     """Sections of the specification that a module's docstring names."""
     sections: set[int] = set()
-    pattern = r"specification\.md,?\s+sections?\s+(\d+)(?:\s+(to|and)\s+(\d+))?"
+    pattern = r"specification\w*\.md,?\s+sections?\s+(\d+)(?:\s+(to|and)\s+(\d+))?"
     for first, link, last in re.findall(pattern, docstring_of(path)):
         sections |= {int(first), int(last or first)} | set(
             range(int(first), int(last) + 1) if link == "to" else ()

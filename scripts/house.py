@@ -1,6 +1,6 @@
 """Size of a checkout: ``python -m scripts.house [ROOT]`` prints a table, folder by folder; ``--budget``
 (``make budget``) compares this checkout with the caps of budget.toml. A token is one of Python's
-tokenizer, without comments, line ends and indentation."""
+tokenizer, without comments, line ends and indentation; names and phrases are words that say too little."""
 
 import ast
 import io
@@ -26,6 +26,10 @@ BYTES = {
     "toml": ("*.toml",),
 }
 """Files whose bytes are counted too: git's patterns."""
+NAMES = set("told said asked taken held came calm wary near behind alone kept fresh one".split())
+"""Names of values, parameters and functions that do not say what they hold."""
+PHRASES = re.compile(r"\b(those of|that of|the one|its own|what is|who)\b", re.IGNORECASE)
+"""Stand in docstrings and comments where a noun belongs."""
 LONG_STRING = 200
 """Characters of a string from which on it is counted, a docstring never."""
 
@@ -55,17 +59,29 @@ def long_strings(text: str) -> int:
     return sum(length for length in lengths if length > LONG_STRING)
 
 
+def unclear(text: str) -> tuple[int, int]:
+    """Names out of NAMES that a Python file binds, and PHRASES in its docstrings and comments."""
+    each = tokenize.generate_tokens(io.StringIO(text).readline)
+    names, prose = 0, [token.string.strip("#") for token in each if token.type == tokenize.COMMENT]
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.arg(arg=name) | ast.FunctionDef(name=name) | ast.Name(id=name, ctx=ast.Store()):
+                names += name in NAMES
+            case ast.Attribute(attr=name, ctx=ast.Store()):
+                names += name in NAMES
+            case ast.Expr(value=ast.Constant(value=str(docstring))):
+                prose.append(docstring)
+    return names, len(PHRASES.findall(" ".join(" ".join(prose).split())))
+
+
 def files(root: Path) -> pd.DataFrame:
-    """A row for each Python file that git knows; ``function``: lines of its longest one."""
+    """A row for each Python file that git knows."""
     rows = []
     for path in tracked(root, "*.py"):
         text = (root / path).read_text()
-        functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
-        sizes = [(node.end_lineno or 0) - node.lineno + 1 for node in functions]
-        tests = sum(node.name.startswith("test_") for node in functions)
-        counts = (text.count("\n"), tokens(text), long_strings(text), max(sizes, default=0), tests)
+        counts = (text.count("\n"), tokens(text), long_strings(text), *unclear(text))
         rows.append((path.parts[0], *counts))
-    return pd.DataFrame(rows, columns=["folder", "lines", "tokens", "long_strings", "function", "tests"])
+    return pd.DataFrame(rows, columns=["folder", "lines", "tokens", "long_strings", "names", "phrases"])
 
 
 def options() -> int:
@@ -85,8 +101,8 @@ def figures(root: Path) -> dict[str, int]:
     today = python.groupby("folder")["tokens"].sum().to_dict()
     for kind, patterns in BYTES.items():
         today[kind] = sum((root / name).stat().st_size for name in tracked(root, *patterns))
-    strings = python["long_strings"].sum()
-    return today | {"long_strings": strings, "options": options(), "fields": len(GROUP_OF)}
+    sums = python[["long_strings", "names", "phrases"]].sum().to_dict()
+    return today | sums | {"options": options(), "fields": len(GROUP_OF)}
 
 
 def over_budget(today: dict[str, int], caps: dict[str, int]) -> list[str]:
@@ -114,8 +130,7 @@ def main(
     """Print the table of the Python files that git knows in ROOT, links left out; with --budget today's
     figures beside the caps of budget.toml, with --lower after lowering them."""
     if not (budget or lower):
-        columns = {"lines": ["size", "sum", "max"], "tokens": "sum", "function": "max", "tests": "sum"}
-        print(files(root).groupby("folder").agg(columns))
+        print(files(root).groupby("folder").sum())
         return
     today, file = figures(root), root / "budget.toml"
     if lower:

@@ -2,7 +2,7 @@
 broken file see it.
 
 A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
-and conditions that only lead to one (error messages), assertions, decorators and default arguments: none of
+and conditions that only lead to one (error messages), assertions (``strict`` too), decorators and default arguments: none of
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
@@ -121,7 +121,11 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             yield "condition", test, f"not ({ast.unparse(test)})"
         case ast.Call(func=func, args=args, keywords=words):
             yield from _call_faults(node, names)
-            below = [func, *args, *(word.value for word in words if word.arg not in ("name", "dtype"))]
+            below = [
+                func,
+                *args,
+                *(word.value for word in words if word.arg not in ("name", "dtype", "strict")),
+            ]
         case _:
             yield from _value_faults(node)
     for part in below:
@@ -160,7 +164,7 @@ def _value_faults(node: Any) -> Iterator[Fault]:
 
 
 def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
-    """Faults of a call by the name of what is called."""
+    """Faults of a call by the name of the called function."""
     name, args, show = _name(node.func), node.args, ast.unparse
     swapped: list[ast.expr] = []
     match name, args:
@@ -228,14 +232,14 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
     for rest in waiting.values():
         draw.shuffle(rest)
     chosen: list[Mutant] = []
-    taken = Counter[Any]()
+    drawn = Counter[Any]()
     while len(chosen) < count and any(waiting.values()):
         for file, rest in waiting.items():
             while rest and len(chosen) < count:
-                mutant = min(rest, key=lambda one: (taken[file, one.kind], taken[one.kind], one.kind))
+                mutant = min(rest, key=lambda fault: (drawn[file, fault.kind], drawn[fault.kind], fault.kind))
                 rest.remove(mutant)
                 if mutant.is_fault():
-                    taken.update([mutant.kind, (file, mutant.kind)])
+                    drawn.update([mutant.kind, (file, mutant.kind)])
                     chosen.append(mutant)
                     break
     return chosen
@@ -334,7 +338,7 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
 
 
 def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
-    """Choose mutants, run what is not yet known, the tests as they are first: file, line, kind, was, now,
+    """Choose mutants, run those without a verdict, the tests as they are first: file, line, kind, was, now,
     outcome, compared and reason of each.
 
     Parameters

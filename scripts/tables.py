@@ -8,16 +8,15 @@ designs [PRESET ...]
     Of each preset a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3.
     Energy and power are the estimate of ``eskin build``: a touch with all its frames; waiting with a clock
     that stops between samples.
-features [KINDS ...]
-    Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
-    another.
+parts [PART ...]
+    What one part adds to the PVDF preset, a GRU of 12 with 4 DSP lanes; the most cycles of a frame.
 runs RESULT ...
     Every figure of a result that README.md, docs/results.md and docs/figures.md quote, a table for each page:
     result folders of ``eskin run`` of recordings and of images, which this checkout's code made, baselines.json
     of examples/thesis/run.py and the JSON of ``eskin enrol --evaluate``, in the order of the rows.
 stress FOLDER ...
     Of each result folder, or model folder of ``eskin train``, the network that clean accuracy alone would choose and
-    the one chosen, under the panel of ``--stress``.
+    the chosen network, under the panel of ``--stress``.
 steps [CELL ...]
     Cycles of a step against the ideal, formats of preset ``thesis``.
 
@@ -29,7 +28,7 @@ import json
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,11 +37,12 @@ import typer
 
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
+from eskin.cosim.results import Played
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
 from eskin.pages.views import GAP, count, percent, verdict
 from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import build_job
 from eskin.verbs.main_job import CODE
@@ -51,17 +51,15 @@ from tests.support.random_models import random_integer_model
 
 PAGE = ROOT / "docs" / "figures.md"
 BOARD, LANES = target("icebreaker"), 4
-ALL = ("mean", "activity", "integral")
-FEATURES: dict[str, Record] = {
-    "mean": {},
-    "mean, a scale a taxel": {"feature_scale": "taxel"},
-    "mean, activity (sum)": {"feature_kinds": ALL[:2]},
-    "mean, activity (change)": {"feature_kinds": ALL[:2], "activity_rule": "change"},
-    "mean, integral": {"feature_kinds": ("mean", "integral")},
-    "all": {"feature_kinds": ALL},
-    "all, a scale a taxel": {"feature_kinds": ALL, "feature_scale": "taxel"},
-    "activity (sum)": {"feature_kinds": ("activity",)},
-    "integral": {"feature_kinds": ("integral",)},
+PARTS: dict[str, Record] = {
+    "none": {},
+    "activity": {"feature_kinds": ("mean", "activity"), "activity_block": 24},
+    "integral": {"feature_kinds": ("mean", "integral")},
+    "fault detector": {"fault_frames": 256, "fault_activity": 64},
+    "onset in 3 of 4 checks": {"onset_hits": 3, "onset_span": 4},
+    "checksum": {"checksum": True},
+    "watchdog": {"watchdog": True},
+    "3 prototypes, 3 taught": {"readout": "prototypes", "prototypes": 3, "taught": 3},
 }
 """Changes to the preset by the name of the row."""
 STEPS = {
@@ -89,22 +87,16 @@ def placed(config: AcceleratorConfig) -> Row:
     model = random_integer_model(config, 1)
     of_model: Record = {"config": model.config, "arrays": model.arrays, "lanes_asked": True}
     request = build_job.BuildRequest(target=BOARD, link=False, seeds=3, **of_model)
-    try:
-        result = build_job.build(request)[0]
-    except build_job.BuildError as misfit:
-        return (misfit,)
+    result = build_job.build(request)[0]
     energy = result["energy"]
-    activity = energy["activity"]
-    touch_j = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
+    touch_j = energy.per_touch_j + energy.preprocessing_per_touch_j
     return (
         result["logic_cells"],
         f"{result['bram']} + {result['spram']}",
         ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result["seeds"].values()),
-        f"{activity['frame_cycles']:.1f}",
-        f"{activity['quiet_frame_cycles']:.1f}",
-        activity["step_cycles"],
+        energy.activity.step_cycles,
         f"{1e6 * touch_j:.2f} uJ",
-        f"{1e6 * energy['choices'][1]['idle_w']:.1f} uW",
+        f"{1e6 * energy.choices[1].idle_w:.1f} uW",
     )
 
 
@@ -116,20 +108,19 @@ def designs(preset: str) -> Iterator[Row]:
         yield f"{preset}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
 
 
-def features(kinds: str) -> Iterator[Row]:
-    """A set of kinds."""
-    base = PRESETS["pvdf"].replace(lanes=LANES, lane_type="dsp", activity_block=24)
-    config = random_integer_model(base.replace(**FEATURES[kinds]), 1).config
-    plan, cells = schedule(config), cells_of(Accelerator(config), hidden=("probe",)).values()
-    frames = frame_cycles(config), frame_cycles(config, ends_window=False)
-    yield kinds, *cells, config.inputs, config.multiplies, plan.step_cycles, plan.decision_cycles, *frames
+def parts(name: str) -> Iterator[Row]:
+    """The preset with one part."""
+    base = PRESETS["pvdf"].with_lanes(LANES, "dsp")
+    config = random_integer_model(base.replace(**PARTS[name]), 1).config
+    cells = cells_of(Accelerator(config), hidden=("probe",)).values()
+    yield name, *cells, frame_cycles(config), step_cycles(config)
 
 
 def run_figures(folder: Path, run: Record) -> Record:
     """Figures of a result folder of ``eskin run`` by column."""
     pace = "cosim.json" if run.get("images") else "cosim_declared.json"
-    names = "model/training.json", "cosim.json", pace
-    training, played, paced = (json.loads((folder / file).read_text()) for file in names)
+    training = json.loads((folder / "model/training.json").read_text())
+    played, paced = (Played.model_validate_json((folder / file).read_text()) for file in ("cosim.json", pace))
     split, source = training["cross_validation"][0], Path(run["data"]["source"])
     chosen = next(row for row in run["candidates"] if row["chosen"])
     figures = {
@@ -139,8 +130,8 @@ def run_figures(folder: Path, run: Record) -> Record:
         "own folds": percent(split["integer_accuracy"]),
         "standard error": percent(split.get("nested", chosen)["standard_error"]),
         "agreement": percent(split["agreement"]),
-        "hardware equals model": f"{verdict(played)}, {count(played['compared_values'])} values",
-        "last sample to decision": f"{1e6 * paced['cycles']['decision_latency_max'] / paced['clock_hz']:.3g} us",
+        "hardware equals model": f"{verdict(played)}, {count(played.compared_values)} values",
+        "last sample to decision": f"{1e6 * (paced.cycles.decision_latency_max or 0) / paced.clock_hz:.3g} us",
     }
     if run.get("images"):
         return figures
@@ -206,44 +197,27 @@ def stress(name: str) -> Iterator[Row]:
 
 
 def steps(name: str) -> Iterator[Row]:
-    """A cell in three sizes and with 1 to 12 lanes."""
-    sizes = ((16, 12, 3), (8, 8, 5), (64, 32, 32))
-    for (taxels, hidden, classes), lanes in product(sizes, (1, 2, 4, 6, 12)):
+    """A cell in two sizes and with 1 to 12 lanes."""
+    for (taxels, hidden, classes), lanes in product(((16, 12, 3), (64, 32, 32)), (1, 4, 6, 12)):
         names = tuple(f"class{k}" for k in range(classes))
         sized = STEPS[name] | {"taxels": taxels, "hidden": hidden, "class_names": names, "lanes": lanes}
         plan = schedule(PRESETS["thesis"].replace(**sized))
         ideal = plan.config.step_ideal
-        ratio = f"{plan.step_cycles / ideal:.3f}"
-        yield (
-            name,
-            taxels,
-            hidden,
-            classes,
-            lanes,
-            plan.step_cycles,
-            ideal,
-            ratio,
-            f"{100 * plan.busy_share:.1f} %",
-            plan.decision_cycles,
-        )
+        counts = (plan.step_cycles, ideal, f"{plan.step_cycles / ideal:.3f}", plan.decision_cycles)
+        yield (name, taxels, hidden, classes, lanes, *counts)
 
 
-TABLES: dict[str, tuple[Callable[[str], Iterator[Row]], Iterable[str], str]] = {
+TABLES: dict[str, Any] = {
     "designs": (
         designs,
-        ("thesis", "synthetic", "pvdf"),
-        "design | cells | memories | MHz | cycles a frame, touch | quiet | cycles a step | a touch | waiting",
+        ("thesis", "pvdf"),
+        "design | cells | memories | MHz | cycles a step | a touch | waiting",
     ),
-    "features": (
-        features,
-        FEATURES,
-        "features | lut | carry | ff | bram | spram | dsp | inputs | multiplies | step | decision | frame "
-        "| frame_plain",
-    ),
+    "parts": (parts, PARTS, "part | lut | carry | ff | bram | spram | dsp | cycles a frame | a step"),
     "steps": (
         steps,
         STEPS,
-        "cell | taxels | hidden | classes | lanes | cycles | ideal | ratio | busy share | features to decision",
+        "cell | taxels | hidden | classes | lanes | cycles | ideal | ratio | features to decision",
     ),
     "stress": (
         stress,
@@ -274,10 +248,10 @@ def printed(columns: str, rows: Iterable[Row]) -> Iterator[str]:
         yield "| " + " | ".join(map(str, row)) + " |"
 
 
-def lines(table: str, *asked: str) -> Iterator[str]:
+def lines(table: str, *chosen: str) -> Iterator[str]:
     """`printed` of a table of TABLES."""
     rows_of, names, columns = TABLES[table]
-    return printed(columns, (row for name in asked or names for row in rows_of(name)))
+    return printed(columns, (row for name in chosen or names for row in rows_of(name)))
 
 
 def rewritten(page: str, chosen: Iterable[str], commit: str) -> str:

@@ -57,8 +57,8 @@ def main(names: list[str]) -> int:
         return 2
     for name in names:
         if name not in files:
-            near = ", ".join(difflib.get_close_matches(name, sorted(files), 4) or STAGES)
-            print(f"nothing is called {name}; near it: {near}", file=sys.stderr)
+            alike = ", ".join(difflib.get_close_matches(name, sorted(files), 4) or STAGES)
+            print(f"nothing is called {name}; near it: {alike}", file=sys.stderr)
             return 2
         print("\n".join(card(files[name])))
     return 0

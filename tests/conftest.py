@@ -104,10 +104,8 @@ def make_recordings() -> Callable[..., Recordings]:
         rng = np.random.default_rng(seed)
         return Recordings(
             samples=rng.integers(1000, 1010, (sum(lengths), taxels)).astype(np.int32),
-            offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
-            labels=np.array(
-                labels if labels is not None else [i % classes for i in range(len(lengths))], dtype=np.int64
-            ),
+            offsets=np.cumsum([0, *lengths]),
+            labels=np.arange(len(lengths)) % classes if labels is None else np.array(labels),
             class_names=tuple(f"class{i}" for i in range(classes)),
             **{"sample_rate_hz": 500.0, "source": "made", **fields},
         )

@@ -18,10 +18,10 @@ def test_only_verdicts_are_kept(monkeypatch, tmp_path):
     made = Proof("made", "made", "", lambda m: None, "induction", 3, "")
     monkeypatch.setattr(run, "proof_of", lambda title: made)
     monkeypatch.setattr(run, "elaborate", lambda title, bug: "module")
-    came = iter(["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "never"])
-    monkeypatch.setattr(run, "solve", lambda folder, method: (next(came), ""))
+    ends = iter(["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "never"])
+    monkeypatch.setattr(run, "solve", lambda folder, method: (next(ends), ""))
     verdicts = [run.run(tmp_path, ("made.made", None))["verdict"] for _ in range(5)]
-    assert verdicts == ["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "PASS"] and next(came) == "never"
+    assert verdicts == ["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "PASS"] and next(ends) == "never"
 
 
 def test_every_proof_has_a_seeded_bug_that_is_in_the_design():

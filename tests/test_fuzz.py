@@ -79,13 +79,13 @@ def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
 
 
 @pytest.mark.timeout(0 if LONG else 600)
-@examples(2, 400)
-@given(seed=st.integers(0, 10**6), harmful=st.booleans())
-def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed, harmful):
-    """Rubbish, then a good host; or harmless traffic in the middle of a recording."""
+@examples(3, 200)
+@given(seed=st.integers(0, 10**6))
+def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed):
+    """Rubbish, then a good host; and harmless traffic in the middle of a recording."""
     case, folder = small_case(), tmp_path_factory.mktemp("traffic")
-    script = recovery(case, str(seed)) if harmful else meddling(case, str(seed), case.open_frames(folder))
-    assert judge(script, case, folder, BUILDS)[1] == []
+    for script in (recovery(case, str(seed)), meddling(case, str(seed), case.open_frames(folder))):
+        assert judge(script, case, folder, BUILDS)[1] == []
 
 
 @pytest.mark.timeout(0 if LONG else 180)

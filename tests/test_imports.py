@@ -2,10 +2,13 @@
 files are read, not run."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+
+from eskin.requests import OPTIONS
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim")
@@ -168,6 +171,44 @@ def breaches(name: str, used: frozenset[str] | None = None) -> list[str]:
 
 def test_imports_go_one_way():
     assert len(modules()) > 200 and not {name: broken for name in modules() if (broken := breaches(name))}
+
+
+COMMAND_LINE = ("typer", "eskin.cli", "eskin.requests", "eskin.verbs")
+OF_TOOLS = {"eskin.rtl.fpga.implementation", "eskin.rtl.fpga.targets", "eskin.cosim.runner"}
+"""Modules that call programs with options of these; there only the sentences of errors are looked at."""
+
+
+def sentences(tree: ast.AST, errors: bool = False) -> str:
+    """All strings of the code that are no docstrings; ``errors``: only sentences of errors."""
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    parts = [node for node in ast.walk(tree) if isinstance(node, ast.Raise)] if errors else [tree]
+    nodes = (node for part in parts for node in ast.walk(part) if id(node) not in docstrings)
+    return "\n".join(
+        node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+
+
+def namings(text: str) -> list[str]:
+    """Options of verbs that sentences name, and fields in back quotes that no option sets."""
+    options = [option for option in re.findall(r"--[a-z][a-z-]*", text) if option in OPTIONS.values()]
+    return options + [field for field in re.findall(r"`(\w+)`", text) if field not in OPTIONS]
+
+
+def knows_no_command_line(name: str) -> bool:
+    return part(name).partition(".")[0] in (*TORCH_FOLDERS, *FOLDERS) and part(name) != "exchange"
+
+
+def test_only_verbs_know_the_command_line():
+    learning = [name for name in modules() if knows_no_command_line(name)]
+    assert len(learning) > 150
+    for name in learning:
+        used = {other for other in imports(name) if other.startswith(COMMAND_LINE)}
+        named = namings(sentences(ast.parse(modules()[name].read_text()), name in OF_TOOLS))
+        assert not used and not named, (name, used, named)
+    tree = ast.parse(
+        "def f():\n    'Of `--out`.'\n    raise InputError(f'--out {x}: is bad; leave `nonsense` out')"
+    )
+    assert namings(sentences(tree)) == namings(sentences(tree, True)) == ["--out", "nonsense"]
 
 
 def test_no_module_has_two_names():

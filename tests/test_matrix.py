@@ -18,6 +18,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from string import Formatter
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -326,8 +327,8 @@ class Case:
             return Path(shutil.copytree(self.job() / "model", self.out / "trained"))
 
         def train(path: Path) -> None:
-            asked = "--data", f"{self.data()}", "--config", f"{self.config()}", "--folds", "0"
-            assert call("train", *asked, "--out", f"{path}") == 0
+            options = "--data", f"{self.data()}", "--config", f"{self.config()}", "--folds", "0"
+            assert call("train", *options, "--out", f"{path}") == 0
             made_of = f"--data {self.data()} --readout prototypes --group person"
             assert call("quantise", f"{path}", *made_of.split() * (self.kind == "prototypes")) == 0
 
@@ -338,8 +339,8 @@ class Case:
 
     def free(self) -> int:
         """A port that no program listens on."""
-        with socket.create_server(("127.0.0.1", 0)) as taken:
-            return taken.getsockname()[1]
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            return server.getsockname()[1]
 
     def weights(self) -> Path:
         return weights_of(self.configuration, self.out / "weights.pt")
@@ -416,9 +417,9 @@ def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of
         model = IntegerModel.load(case.model(), images=True)
         with Device(model.config, golden_decisions(model, load_recordings(case.data()))) as device:
             shutil.rmtree(case.out / "trained")
-            told = {"link": True, "baud": 2e6, "lanes": model.config.hardware.lanes, "lane_type": None}
+            record = {"link": True, "baud": 2e6, "lanes": model.config.hardware.lanes, "lane_type": None}
             (case.out / "board").mkdir()
-            (case.out / "board/build.json").write_text(json.dumps(told))
+            (case.out / "board/build.json").write_text(json.dumps(record))
             status = call(*case.words(row, port=device.port))
     else:
         words = case.words(row)
@@ -452,9 +453,9 @@ def test_the_documents_show_what_is_refused():
     assert table in page, table
 
 
-@each_row("held", [1, 4, 9, 300])
-def test_the_slower_run_of_energy_is_slower(held):
+@each_row("cycles", [1, 4, 9, 300])
+def test_the_slower_run_of_energy_is_slower(cycles):
     """Its frames take more cycles than at full pace, however many those take: the difference is divided
     by."""
-    full = {"frames": 80, "simulated_cycles": 80 * held * TOUCHES.sensor.taxels}
-    assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full["simulated_cycles"]
+    full = SimpleNamespace(frames=80, simulated_cycles=80 * cycles * TOUCHES.sensor.taxels)
+    assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full.simulated_cycles

@@ -129,8 +129,10 @@ def test_the_parts_are_found_beside_the_package_with_links_and_without(beside, t
 def test_a_missing_tool_is_named_with_the_command_that_installs_it(tools, name, package):
     assert check_tools(tools, "python3", "test") == (0, "")
     (tools / name).unlink()
-    status, said = check_tools(tools, "python3", "test")
-    assert status == 1 and said.count("\n") == 1 and name in said and f"apt-get install {package}" in said
+    status, output = check_tools(tools, "python3", "test")
+    assert (
+        status == 1 and output.count("\n") == 1 and name in output and f"apt-get install {package}" in output
+    )
 
 
 @pytest.mark.parametrize("root", [True, False])
@@ -143,10 +145,13 @@ def test_root_installs_what_is_missing_unless_it_is_forbidden(tools, root, monke
     program(tools, "apt-get", f'echo "$*" >> {tools}/asked; {install}')
     for forbidden in (True, False):
         monkeypatch.setenv("ESKIN_NO_APT", "1" if forbidden else "")
-        status, said = check_tools(tools, "python3", "test")
+        status, output = check_tools(tools, "python3", "test")
         if forbidden or not root:
-            assert status == 1 and said.count("\n") == 2 and not (tools / "asked").exists()
+            assert status == 1 and output.count("\n") == 2 and not (tools / "asked").exists()
         else:
             assert (
-                status == 0 and said.count("\n") == 1 and "ESKIN_NO_APT=1" in said and "perl iverilog" in said
+                status == 0
+                and output.count("\n") == 1
+                and "ESKIN_NO_APT=1" in output
+                and "perl iverilog" in output
             )

@@ -240,7 +240,7 @@ def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandid
     usable = [one for one in judged if prices.is_candidate(one.config)]
     if not usable:
         raise InputError(
-            f"--fits {prices.board}: is too small for all {len(judged)} candidates; name a larger board"
+            f"`fits` {prices.board}: is too small for all {len(judged)} candidates; name a larger board"
         )
     best = best_of(usable)
     return _cheapest([one for one in usable if is_level(best.correct, one.correct)], prices)

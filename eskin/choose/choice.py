@@ -53,7 +53,6 @@ from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, 
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.memo import Memo
-from eskin.requests import TrainRequest
 from eskin.training.datasets import Datasets
 from eskin.training.derive import derive_config, settling_frames
 from eskin.training.fit import one_thread
@@ -71,6 +70,7 @@ from eskin.training.losses import Callback
 from eskin.training.splits import check_split, default_splits, over_groups, split_folds
 from eskin.training.times import step_times
 from eskin.training.train import train
+from eskin.training.wanted import Wanted
 
 if TYPE_CHECKING:
     from eskin.study.stability.panel import Panel
@@ -441,7 +441,7 @@ def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
     prices: CostModel,
-    request: TrainRequest,
+    wanted: Wanted,
     *,
     plan: Plan | None = None,
     stress: Panel | None = None,
@@ -457,9 +457,8 @@ def train_chosen(
         The requested configuration; None: the front end is chosen (``choose_front_end``).
     prices:
         Costs of candidates, and the user's preference.
-    request:
-        Its ``seeds`` are networks of each fold; None: 3, or 1 for images, whose networks take minutes each. Its
-        ``cell`` ``auto``: the network is chosen; None: as ``auto`` if neither a configuration nor ``hidden`` nor
+    wanted:
+        Its ``cell`` ``auto``: the network is chosen; None: as ``auto`` if neither a configuration nor ``hidden`` nor
         ``reset`` was requested, otherwise the configuration's own cell (a GRU without a configuration).
     plan:
         Result of ``configure`` for these recordings, if it is known already.
@@ -482,32 +481,32 @@ def train_chosen(
         As ``train``; or ``hidden`` is given with a cell that has no hidden units or is chosen.
     """
     began = time.perf_counter()
-    cell, hidden, reset, folds = request.cell, request.hidden, request.reset, request.folds
-    check_model_target(request.out)
+    cell, hidden, reset, folds = wanted.cell, wanted.hidden, wanted.reset, wanted.folds
+    check_model_target(wanted.out)
     check_units(cell, hidden)
     if recordings.image_shape:
         if callback:
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
-        return train_image_model(recordings, asked, request, keep=keep, progress=progress)
+        return train_image_model(recordings, asked, wanted, keep=keep, progress=progress)
     if cell in NETWORKS:
         raise InputError(
-            f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
+            f"`cell` {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
             "linear or auto"
         )
     if cell == AUTO and not folds:
         raise InputError(
-            "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
+            "`cell` auto: needs cross-validation; leave `folds` 0 out or name `cell` gru, lstm or linear"
         )
-    plan = plan or configure(recordings, asked, prices, groups=request.groups, folds=folds, progress=progress)
+    plan = plan or configure(recordings, asked, prices, groups=wanted.groups, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
     search_options = SearchOptions(
-        cell=cell, hidden=hidden, reset=reset, robust=request.protocol == ROBUST, open=bool(is_open and folds)
+        cell=cell, hidden=hidden, reset=reset, robust=wanted.protocol == ROBUST, open=bool(is_open and folds)
     )
     settings = CrossValidationSettings(
         recordings=recordings,
         groups=plan.split,
         datasets=Datasets(recordings),
-        seeds=range(request.seed, request.seed + (request.seeds or 3)),
+        seeds=range(wanted.seed, wanted.seed + (wanted.seeds or 3)),
         folds=folds,
         progress=progress,
         stress=stress if search_options.open else None,
@@ -532,8 +531,8 @@ def train_chosen(
     }
     whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
-    if request.groups is not None:
-        splits = [request.groups]
+    if wanted.groups is not None:
+        splits = [wanted.groups]
     elif asked is None or is_open:
         splits = splits_to_report(recordings, taken.config, settings.groups)
     else:
@@ -552,9 +551,9 @@ def train_chosen(
     return train(
         recordings,
         taken.config,
-        out=request.out,
+        out=wanted.out,
         recipe=taken.recipe,
-        seed=request.seed,
+        seed=wanted.seed,
         datasets=settings.datasets,
         notes=notes,
         progress=progress,

@@ -15,6 +15,7 @@ from eskin.choose.yardsticks import neighbours_alike
 from eskin.data.folds import likely_groups
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
+from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.training.level import is_level
 
 MOST_MISSED = 0.02
@@ -37,7 +38,7 @@ share must be behind the best; accuracy from which on there is no doubt."""
 
 
 SESSIONS = (
-    "record every class in several sessions, name these in an array of the archive and give it with --group"
+    "record every class in several sessions, name these in an array of the archive and give it with `group`"
 )
 
 
@@ -88,7 +89,7 @@ def below_baselines(
     if short <= best["standard_error"] * (1 if best["hardware"] else 2):
         return []
     larger = _larger(candidates or [])
-    fix = "try --cell auto" if candidates is None else larger or "no other candidate is better"
+    fix = "try `cell` auto" if candidates is None else larger or "no other candidate is better"
     if not best["hardware"]:
         fix = f"eskin has no hardware for it; {fix}"
     text = (
@@ -106,7 +107,7 @@ def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
     larger = [size for size in SIZES if size > best["hidden"]]
     if not best["hidden"] or not larger or best["hidden"] < max(row["hidden"] for row in candidates):
         return ""
-    return f"try --cell {best['cell']} --hidden {larger[0]}"
+    return f"try `cell` {best['cell']} `hidden` {larger[0]}"
 
 
 def by_choice(split: Mapping[str, Any]) -> list[Record]:
@@ -125,25 +126,25 @@ def by_choice(split: Mapping[str, Any]) -> list[Record]:
     return [doubt("by_choice", text, split)]
 
 
-def below_range(tested: Mapping[str, Any], split: Mapping[str, Any]) -> list[Record]:
+def below_range(tested: Evaluation, split: Mapping[str, Any]) -> list[Record]:
     """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out."""
     low, high = unseen(dict(split))["range"]
-    if tested["integer_accuracy"] >= low:
+    if tested.integer_accuracy >= low:
         return []
     text = (
-        f"the network classifies {percent(tested['integer_accuracy'])} of the recordings held back correctly, and cross-"
+        f"the network classifies {percent(tested.integer_accuracy)} of the recordings held back correctly, and cross-"
         f"validation promises {percent(low)} to {percent(high)}: expect the lower figure where recordings differ from those "
-        "of --data as these do (a new session, person or day), and record more of such"
+        "of `data` as these do (a new session, person or day), and record more of such"
     )
     return [doubt("below_range", text, split)]
 
 
-def seen_in_training(tested: Mapping[str, Any], things: str) -> list[Record]:
+def seen_in_training(tested: HeldBack, things: str) -> list[Record]:
     """A doubt if recordings, or images, held back are also in the training data."""
-    seen, count = tested["seen_in_training"], tested["recordings"]
+    seen, count = tested.seen_in_training, tested.recordings
     text = (
         f"{seen} of the {count} {things} held back ({percent(seen / count)}) are also in the training data and say nothing "
-        f"about new ones: give --test {things} that are not in --data"
+        f"about new ones: give `test` {things} that are not in `data`"
     )
     return [doubt("seen_in_training", text)] if seen else []
 
@@ -153,7 +154,7 @@ def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
     return doubt("no_unseen_figure", f"there is no nested cross-validation: {why}", split)
 
 
-def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[Record]:
+def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Evaluation) -> list[Record]:
     """Doubts if the accuracy of the integers is LOST below that of the floats, with the stage that loses most
     and its fix.
 
@@ -162,16 +163,16 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
     splits:
         Records of the cross-validation.
     evaluated:
-        Result of `eskin.training.evaluate.evaluate` for the network that was exported.
+        Of the network that was exported.
     """
-    stage = evaluated["logit_error"].get("stage")
+    stage = evaluated.logit_error.stage
     fixes = {
-        "features": "--formats feature_bits=16",
-        "accumulators": "--weight-bits 10",
-        "gates": "--formats gate_bits=14",
+        "features": "`formats` feature_bits=16",
+        "accumulators": "`weight_bits` 10",
+        "gates": "`formats` gate_bits=14",
     }
-    fix = fixes.get(stage, "--state-bits 16")
-    alike = evaluated["agreement"] >= 1 - LOST  # then wider formats do not help
+    fix = fixes.get(stage or "", "`state_bits` 16")
+    alike = evaluated.agreement >= 1 - LOST  # then wider formats do not help
     found = []
     for split, judged in ((split, unseen(split)) for split in splits):
         lost, own = (one["float_accuracy"] - one["integer_accuracy"] for one in (judged, split))
@@ -297,7 +298,7 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
     if single - blocked <= max(2 * error, 0.01):
         return []
     known = likely_groups(recordings)
-    fix = f"--group {known[0]}" if known else "an array in the archive that names the session of each"
+    fix = f"`group` {known[0]}" if known else "an array in the archive that names the session of each"
     text = (
         f"no group was given and neighbouring recordings look alike (with their neighbours in training, "
         f"{percent(single)} are classified correctly; without, {percent(blocked)}), so the accuracy may hold for known "

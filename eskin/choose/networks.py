@@ -155,7 +155,7 @@ INSIDE = Effort(
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The user's request about the network; None: no request. `eskin.requests.TrainRequest` defines each
+    """The user's request about the network; None: no request. `eskin.training.wanted.Wanted` defines each
     field. open: True if the network is chosen."""
 
     cell: str | None = None
@@ -276,7 +276,7 @@ class NetworkSearch(Search):
         if not probes:
             cell = self.options.candidate(self.front_ends.taken).config.network.cell  # or says why not
             raise InputError(
-                f"--fits {self.prices.board}: does not hold {cell} on the requested or chosen front end; name a "
+                f"`fits` {self.prices.board}: does not hold {cell} on the requested or chosen front end; name a "
                 "larger board, or leave the network open"
             )
         # the best, not the cheapest that ties: after few updates short touches look better than they are
@@ -365,7 +365,7 @@ def other_seeds(search: NetworkSearch) -> Request:
         board = f" and the board {search.prices.board}" if search.prices.named else ""
         raise InputError(
             f"configuration '{search.front_ends.taken.name}': no candidate network fits it{board}; name one "
-            "with --cell and --hidden"
+            "with `cell` and `hidden`"
         )
     most = best_of(search.tried).accuracy
     near = [
@@ -563,6 +563,6 @@ def check_units(cell: str | None, hidden: int | None) -> None:
     be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
-            f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "
+            f"`hidden` {hidden}: `cell` {cell} has no hidden units; leave `hidden` out, or name `cell` "
             "gru or lstm"
         )

@@ -29,6 +29,7 @@ from eskin.golden.core import (
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, parts, terminal_table, words
+from eskin.requests import spelled
 from eskin.verbs.milestones import shown
 
 OUTPUTS = ("out", "json")
@@ -71,12 +72,20 @@ class Application(typer.Typer):
                 result = verb(request(**options))
                 if target and result is not None:
                     write_json(target, result)
-                if not (result or {}).get("passed", True):
+                if not dict(result or ()).get("passed", True):
                     raise typer.Exit(1)
 
             hints, signature = get_type_hints(request), inspect.signature(request)
-            typed = {each.name: Annotated[hints[each.name], each.metadata["of"]] for each in fields(request)}
-            parameters = [each.replace(annotation=typed[name]) for name, each in signature.parameters.items()]
+            typed = {
+                each.name: Annotated[hints[each.name], each.metadata["of"]]
+                for each in fields(request)
+                if "of" in each.metadata
+            }
+            parameters = [
+                each.replace(annotation=typed[name])
+                for name, each in signature.parameters.items()
+                if name in typed
+            ]
             checked.__annotations__ = typed
             checked.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
             return register(checked)
@@ -138,7 +147,7 @@ messages = Console(stderr=True)
 
 
 def stop(sentence: str, status: int) -> None:
-    print(f"eskin: {sentence}", file=sys.stderr)
+    print(f"eskin: {spelled(sentence)}", file=sys.stderr)
     sys.exit(status)
 
 
@@ -149,12 +158,12 @@ def progress_bars() -> AbstractContextManager[Progress]:
 
 def say(sentence: str) -> None:
     """A line of the result, whatever letters it holds."""
-    console.print(escape(sentence), soft_wrap=True)
+    console.print(escape(spelled(sentence)), soft_wrap=True)
 
 
 def warn(sentence: str) -> None:
     """A line beside the result."""
-    messages.print(escape(sentence), soft_wrap=True)
+    messages.print(escape(spelled(sentence)), soft_wrap=True)
 
 
 def load_data(data: str, config: str | None = None):

@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cli.common import app, console, integer_model, progress_bars, recordings_for, say, show, stop
-from eskin.golden.core import PREFIX, PRESETS, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import (
+    PREFIX,
+    PRESETS,
+    InputError,
+    Record,
+    Result,
+    check_folder,
+    check_target,
+    replacing,
+)
 from eskin.golden.model import FloatModel, IntegerModel, load_config
 from eskin.jobs import Jobs
 from eskin.pages.views import terminal_table
@@ -69,7 +78,7 @@ def export(request: ExportRequest) -> Record:
 @app.command(
     epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json"
 )
-def cosim(request: CosimRequest) -> Record:
+def cosim(request: CosimRequest) -> Result:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
     Many recordings are split into parts that run side by side; an interrupted command continues where
@@ -77,33 +86,19 @@ def cosim(request: CosimRequest) -> Record:
     """
     from eskin.verbs import flow
 
-    if request.clock is not None and not 1 <= request.clock < math.inf:
-        raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
-    options: Record = {
-        "simulator": request.simulator,
-        "pace": request.pace,
-        "clock_hz": request.clock,
-        "stalls": request.stalls,
-        "level": request.level,
-        "target": request.target,
-        "converter": request.converter,
-        "bench": request.bench,
-        "threads": request.jobs,
-    }
-    if request.pdk or request.liberty or request.rom or request.target == "asic":
-        liberty = [str(path) for path in request.liberty or ()]
-        options["chip"] = {"pdk": request.pdk, "liberty": liberty, "rom": request.rom}
+    if request.clock_hz is not None and not 1 <= request.clock_hz < math.inf:
+        raise InputError(f"`clock_hz` {request.clock_hz:g}: is not a clock; give 1 Hz or more")
     count = parse_count(request.recordings)
     integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with flow.work_folder() as work, progress_bars() as report:
-        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
+        where = Jobs(workers=request.threads, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
-        result = flow.cosimulate_parts(integer, played, numbers, work=work, jobs=where, **options)
-        if result["waves"]:  # out of the temporary folder
-            result["waves"] = str(Path(result["waves"]).rename(work.with_name(f"waves_{work.name}")))
-    show("cosim", played=result, **result)
+        result = flow.cosimulate_parts(integer, played, numbers, request, work=work, jobs=where)
+        if result.waves:  # out of the temporary folder
+            result.waves = str(Path(result.waves).rename(work.with_name(f"waves_{work.name}")))
+    show("cosim", played=result, **dict(result))
     return result
 
 
@@ -206,7 +201,7 @@ def schedule(request: ScheduleRequest) -> None:
     epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration "
     "ulx3s:12"
 )
-def energy(request: EnergyRequest) -> Record:
+def energy(request: EnergyRequest) -> Result:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
     from eskin.verbs import flow
     from eskin.verbs.energy_job import RESULT, job
@@ -216,7 +211,7 @@ def energy(request: EnergyRequest) -> Record:
     loaded = recordings_for(request.data, integer.config)
     with flow.work_folder() as work, progress_bars() as report:
         result = job(request, integer, loaded, work, report)
-    show("energy", **result, in_words=in_words, file=request.out / RESULT)
+    show("energy", **dict(result), in_words=in_words, file=request.out / RESULT)
     return result
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.choose.choice_table import network_name, windows_brief
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show, warn
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record, Result
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, load_config
 from eskin.memo import Memo
@@ -175,12 +175,12 @@ def quantise(request: QuantiseRequest) -> None:
 
 
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
-def evaluate(request: EvaluateRequest) -> Record:
+def evaluate(request: EvaluateRequest) -> Result:
     """Compare the float model with the integer model: accuracy, agreement, per class, per step."""
     from eskin.training.evaluate import evaluate as compare
 
     result = compare(request.model, recordings_for(request.data, load_config(request.model)))
-    show("evaluate", **result)
+    show("evaluate", **dict(result))
     return result
 
 
@@ -202,6 +202,5 @@ def compare(request: CompareRequest) -> Record:
     else:
         recordings = recordings_for(request.data, config)
     result = judge(request.model, recordings)
-    show("compare", **result)
-    left_out = ("passed", *(OF_LABELS if request.data is None else ()))
-    return {name: value for name, value in result.items() if name not in left_out}
+    show("compare", **dict(result))
+    return result.model_dump(exclude={"passed"} | (OF_LABELS if request.data is None else set()))

@@ -1,13 +1,13 @@
 """Verbs that study a model or many of them."""
 
 from eskin.cli.common import app, messages, progress_bars, recordings_for, say, show, show_text
-from eskin.golden.core import Record
+from eskin.golden.core import Record, Result
 from eskin.golden.model import load_config, load_training
 from eskin.requests import ReportRequest, RunRequest, StabilityRequest
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
-def stability(request: StabilityRequest) -> Record:
+def stability(request: StabilityRequest) -> Result:
     """Show where a model fails: every failure mode with a figure, a bound and a curve."""
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job
@@ -16,8 +16,8 @@ def stability(request: StabilityRequest) -> Record:
     with progress_bars() as report:
         result = stability_job.run(request, recordings, progress=report)
     training = load_training(request.model)
-    known = (training.get("data"), training.get("recordings")) == (result["data"], result["recordings"])
-    show("stability", **result, known=known, figure=figure_in_words, page=request.out / PAGE)
+    known = (training.get("data"), training.get("recordings")) == (result.data, result.recordings)
+    show("stability", **dict(result), known=known, figure=figure_in_words, page=request.out / PAGE)
     return result
 
 

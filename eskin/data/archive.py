@@ -9,9 +9,9 @@ from eskin.golden.data.codes import Worth
 from eskin.golden.data.recordings import UNITS, Recordings, recordings_of
 
 
-def load_archive(path: Path, scale: Worth | None = None, *, asked: bool = False) -> Recordings:
+def load_archive(path: Path, scale: Worth | None = None, *, requested: bool = False) -> Recordings:
     """The recordings of an npz archive. ``scale``: value of one code if samples are real and the archive does
-    not have it. ``asked``: as `eskin.golden.data.codes.to_codes`.
+    not have it. ``requested``: as `eskin.golden.data.codes.to_codes`.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def load_archive(path: Path, scale: Worth | None = None, *, asked: bool = False)
             "numpy.savez_compressed"
         ) from None
 
-    return recordings_of(arrays, str(path), scale=scale, asked=asked)
+    return recordings_of(arrays, str(path), scale=scale, requested=requested)
 
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:

@@ -57,12 +57,12 @@ class Group:
         return ", ".join([*self.shapes()][:12]) or "none"
 
 
-def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alone: bool) -> list[Table]:
+def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, single: bool) -> list[Table]:
     """The recordings of a file: samples in one array or in cells, with labels; or every array of samples one.
 
     Parameters
     ----------
-    alone:
+    single:
         The file is the whole source, no recording of a folder by class.
 
     Raises
@@ -73,15 +73,15 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alon
     found = _Arrays(root, path, reading, refuse)
     named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
     label = reading.label or next((name for name in LABELS if name in root.arrays), "")
-    if alone and named in root.arrays:
+    if single and named in root.arrays:
         tables = found.array_tables(named, label)
     else:
-        tables = [] if alone and label in root.arrays else [*found.group_tables(root, (), {})]
+        tables = [] if single and label in root.arrays else [*found.group_tables(root, (), {})]
     if not tables:
-        asked = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) or (frames, rows, columns) a recording)"
+        problem = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) or (frames, rows, columns) a recording)"
         if reading.samples:
-            asked = f"--samples {reading.samples}: names no array of samples"
-        refuse(f"{asked}; it has {root.listed()}: name it with --samples")
+            problem = f"--samples {reading.samples}: names no array of samples"
+        refuse(f"{problem}; it has {root.listed()}: name it with --samples")
     shapes = [table.frame.shape for table in tables]
     if not reading.columns and all(columns > rows for rows, columns in shapes):
         shape = f"{shapes[0][0]} x {shapes[0][1]}"
@@ -92,7 +92,7 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alon
 
 @dataclass
 class _Arrays:
-    """A file's arrays, and what is said of them."""
+    """A file's arrays, and the facts about them."""
 
     root: Group
     path: Path
@@ -131,10 +131,10 @@ class _Arrays:
         offsets, each also of rows and columns for taxels; labels; class names. Every other array of one value a recording is an attribute."""
         arrays, parts = self.root.arrays, self.parts(self.root.arrays[name], name)
         if label not in arrays:
-            asked = (
+            problem = (
                 f"--class {label}: is not an array" if label else "has no array of classes (labels, label, y)"
             )
-            self.refuse(f"{asked}; it has {self.root.listed()}: name it with --class")
+            self.refuse(f"{problem}; it has {self.root.listed()}: name it with --class")
         vectors = {each: _vector(array) for each, array in arrays.items() if each != name}
         own = {
             each: vector
@@ -204,9 +204,9 @@ class _Arrays:
         import pandas as pd
 
         known = known | group.attributes
-        asked = (self.reading.label or "").replace(".", "/").rpartition("/")[2]
-        if asked in group.attributes:
-            known[str(self.reading.label)] = known[asked]
+        wanted = (self.reading.label or "").replace(".", "/").rpartition("/")[2]
+        if wanted in group.attributes:
+            known[str(self.reading.label)] = known[wanted]
         arrays = {
             name: group.arrays[name]
             for name in sorted(group.arrays, key=natural)
@@ -215,7 +215,7 @@ class _Arrays:
         vectors = {
             name: array.reshape(-1) for name, array in arrays.items() if array.size == max(array.shape)
         }
-        chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
+        chosen = [name for name in arrays if TIME.match(name) or self.is_wanted("/".join((*above, name)))]
         tables = {
             name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim in (2, 3)
         }
@@ -233,12 +233,12 @@ class _Arrays:
         for name in sorted(group.groups, key=natural):
             yield from self.group_tables(group.groups[name], (*above, name), known)
 
-    def asked(self, full: str) -> bool:
+    def is_wanted(self, full: str) -> bool:
         """True if --samples names an array: by its name, its path, its group, or a pattern with a *."""
         plain = re.sub(r"[(]\d+[)]", "", full)  # without the numbers of structs
-        asked = (self.reading.samples or "*").replace(".", "/").strip("/")
+        pattern = (self.reading.samples or "*").replace(".", "/").strip("/")
         ends = (plain, full, plain.rpartition("/")[2])
-        return any(fnmatchcase(each, asked) for each in ends) or f"/{asked}/" in f"/{plain}/"
+        return any(fnmatchcase(each, pattern) for each in ends) or f"/{pattern}/" in f"/{plain}/"
 
     def clock(self, tables: Arrays, vectors: Arrays, group: Group,
               above: Names) -> tuple[str, np.ndarray] | None:  # fmt: skip
@@ -340,10 +340,10 @@ def _attributes(item: Any) -> dict[str, Any]:
     for key, value in item.attrs.items():
         name = key.decode("utf-8", "replace") if isinstance(key, bytes) else key
         cells = np.asarray(value).reshape(-1).tolist()
-        one = cells[0] if len(cells) == 1 else None
-        one = one.decode("utf-8", "replace") if isinstance(one, bytes) else one
-        if isinstance(one, str | int | float) and not (name == "CLASS" and one in _OWN):
-            values[name] = one
+        cell = cells[0] if len(cells) == 1 else None
+        cell = cell.decode("utf-8", "replace") if isinstance(cell, bytes) else cell
+        if isinstance(cell, str | int | float) and not (name == "CLASS" and cell in _OWN):
+            values[name] = cell
     return values
 
 

@@ -30,14 +30,14 @@ def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
     fmt, unit = config.sample_format, recordings.unit or "V"
     codes = np.rint(recordings.samples * ratio)
     step = in_words(recordings.volt_per_code)
-    said = f"one code is {step} {unit}, of configuration '{config.name}' {in_words(of_model)}: brought to its codes"
+    note = f"one code is {step} {unit}, of configuration '{config.name}' {in_words(of_model)}: brought to its codes"
     return dataclasses.replace(
         recordings,
         samples=np.clip(codes, fmt.min_code, fmt.max_code).astype(np.int32),
         volt_per_code=of_model,
         sample_bits=config.sensor.sample_bits,
         sample_signed=config.sensor.sample_signed,
-        notes=(*recordings.notes, said, *clipped_to(codes, fmt)[1]),
+        notes=(*recordings.notes, note, *clipped_to(codes, fmt)[1]),
     )
 
 

@@ -76,7 +76,7 @@ def grouped_folds(
         What to split.
     groups:
         Names of group arrays: recordings that share all their values are never on both sides. Empty: every
-        recording is its own group, and folds are stratified by class.
+        recording is a group, and folds are stratified by class.
     folds:
         Number of folds, at least 2. With no more groups than folds each group is left out in turn (so there
         may be fewer folds).

@@ -53,7 +53,7 @@ def load_recordings(
         What one code of real samples is worth, and a rate that is not said; scene, array and rate of
         ``synthetic`` (`eskin.data.turns`).
     reading:
-        What is said about tables and arrays; None: everything is found out.
+        Facts about tables and arrays from the user; None: everything is found out.
     progress:
         Called with (what, done, total) while files of a folder are read.
 
@@ -72,10 +72,10 @@ def load_recordings(
     if str(data) == SCENE:
         return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
-    asked = "--clock" if reading.clock != "log" else "--labels" if reading.labels else ""
-    if asked and not is_log(path):
+    option = "--clock" if reading.clock != "log" else "--labels" if reading.labels else ""
+    if option and not is_log(path):
         raise InputError(
-            f"recordings '{path}': {asked} is for one log, a .mcap file or a ROS bag; leave it out"
+            f"recordings '{path}': {option} is for one log, a .mcap file or a ROS bag; leave it out"
         )
     try:
         return _load(path, reading, config, progress)
@@ -98,13 +98,13 @@ def _load(
         return _folder(path, reading, config, progress)
     if path.suffix == ".npz":
         worth = config.sensor.volt_per_code or None if config else None
-        return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
+        return load_archive(path, reading.scale or worth, requested=reading.scale is not None)
     if _kind(path) is None:
         fix = OTHERS.get(path.suffix.lower(), f"give {FORMS}")
         raise InputError(
             f"recordings '{path}': ends in '{path.suffix}', which is not a format of recordings; {fix}"
         )
-    tables = open_file(path, reading, alone=True)
+    tables = open_file(path, reading, single=True)
     if is_log(path):
         reading = replace(reading, label=None, recording=None)
     return understand(tables, reading, config, str(path), of_one_file=True)
@@ -114,8 +114,8 @@ def _kind(path: Path) -> str | None:
     return "text" if is_log(path) else KINDS.get(path.suffix.lower())
 
 
-def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Table]:
-    """The tables of one file. alone: it is the whole source.
+def open_file(path: Path, reading: Reading, *, single: bool = False) -> list[Table]:
+    """The tables of one file. single: it is the whole source.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         refuse(
             f"is damaged or no {suffix or 'log'} file ({type(error).__name__}); write it again, or try its own tools"
         )
-    return tables_of(root, path, reading, refuse, alone=alone)
+    return tables_of(root, path, reading, refuse, single=single)
 
 
 def _parquet(path: Path, refuse: Refuse) -> Table:
@@ -208,23 +208,23 @@ def _folder(
             folder,
             f"has {len(class_folders)} sub-folders, one per class; a classifier has 2 to {MOST_CLASSES}",
         )
-    kept = [file for file in files if file.parent != folder and _kind(file)]
-    holding = {file.relative_to(folder).parts[0] for file in kept}
+    members = [file for file in files if file.parent != folder and _kind(file)]
+    holding = {file.relative_to(folder).parts[0] for file in members}
     for each in class_folders:
         if each.name not in holding:
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
-    if len(set(map(_kind, kept))) > 1:
-        refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
+    if len(set(map(_kind, members))) > 1:
+        refuse(folder, f"holds files of several kinds ({found(members)}); leave one kind in it")
     tables = []
-    for done, file in enumerate(kept):
+    for done, file in enumerate(members):
         if progress is not None:
-            progress("files read", done, len(kept))
+            progress("files read", done, len(members))
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
         for table in tables_of_file:
             inner = table.path if len(tables_of_file) > 1 else ()
             tables.append(replace(table, path=(*parts, *inner)))
         if not done and config is None:
             check_rate(tables, reading)
-    left = len(files) - len(kept)
+    left = len(files) - len(members)
     notes = [f"{left} files that are not recordings were left out"] if left else []
     return understand(tables, reading, config, str(folder), notes=notes)

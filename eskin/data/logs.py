@@ -82,8 +82,8 @@ def read_log(path: Path, reading: Reading, refuse: Refuse) -> Table:
             refuse(
                 f"no frame lies in the label {where}; give seconds from the first frame or on the log's clock"
             )
-        told = labels.drop(columns=["start", "end"]).rename_axis("recording").reset_index()
-        frame = told.merge(frame.assign(recording=number), on="recording")
+        groups = labels.drop(columns=["start", "end"]).rename_axis("recording").reset_index()
+        frame = groups.merge(frame.assign(recording=number), on="recording")
     stamped, notes = stamps[stamps[:, 1] != 0], []
     if len(stamped):
         notes.append(f"times of frames and labels are the {reading.clock}'s (--clock log or header)")
@@ -96,11 +96,11 @@ def read_log(path: Path, reading: Reading, refuse: Refuse) -> Table:
 
 
 def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
-    """The topic of frames: the one asked for, or the only one that can be."""
+    """The topic of frames: the wanted topic, or the only possible one."""
     listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:12]) or "none"
-    for option, asked in (("--class", reading.label), ("--samples", reading.samples)):
-        if asked is not None and asked not in log.topics:
-            refuse(f"{option} {asked}: is not a topic of this log; choose one of {listed}")
+    for option, topic in (("--class", reading.label), ("--samples", reading.samples)):
+        if topic is not None and topic not in log.topics:
+            refuse(f"{option} {topic}: is not a topic of this log; choose one of {listed}")
     if reading.samples is not None:
         return reading.samples
     fit = [name for name, kind in log.topics.items() if kind.endswith(TYPES) and name != reading.label]

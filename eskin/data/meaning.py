@@ -1,4 +1,4 @@
-"""Recordings of tables: the one place that decides what is time, class, group, taxel and unit, and where a
+"""Recordings of tables: this module alone decides which columns are time, class, group, taxel and unit, and where a
 recording begins (docs/recordings.md).
 
 Where a name says it, or an option, it is taken as said. Any other column whose course no taxel has (one value
@@ -67,7 +67,7 @@ def understand(
     Raises
     ------
     InputError
-        A column or a clock cannot be understood, or an option names what is not there; with the place and the
+        A column or a clock cannot be understood, or an option names a column that is not there; with the place and the
         option that settles it.
     """
     found = _Meaning(tables, reading)
@@ -80,14 +80,14 @@ def understand(
     if scale is None and config is not None and not np.array_equal(values, np.rint(values)):
         scale = config.sensor.volt_per_code or None
     names = [table.names[column] if table.names else str(column + 1) for column in taxels]
-    said = {str(value) for name in found.attributes if name in UNIT for value in found.fact(name)}
+    stated = {str(value) for name in found.attributes if name in UNIT for value in found.fact(name)}
     units = [unit for unit in table.units_of(taxels) if unit]
     arrays = {
         "samples": values,
         "offsets": found.offsets,
         "labels": found.labels,
         "sample_rate_hz": np.array(rate),
-        "unit": np.array(units or (said.pop() if len(said) == 1 else "")),
+        "unit": np.array(units or (stated.pop() if len(stated) == 1 else "")),
     }
     if table.grid and np.prod(table.grid) == len(taxels):
         arrays["grid_shape"] = np.array(table.grid)
@@ -97,9 +97,11 @@ def understand(
     if table.names:
         arrays["channel_names"] = np.array(names)
     listed = f"columns {', '.join(names[:12])}{', ...' * (len(names) > 12)} are the {len(names)} taxels"
-    told = [f"{class_is}; {listed}", *notes, *table.notes, *found.notes, why]
-    asked = reading.scale is not None
-    return recordings_of(arrays, source, groups=found.groups, scale=scale, asked=asked, notes=told)
+    all_notes = [f"{class_is}; {listed}", *notes, *table.notes, *found.notes, why]
+    requested = reading.scale is not None
+    return recordings_of(
+        arrays, source, groups=found.groups, scale=scale, requested=requested, notes=all_notes
+    )
 
 
 def check_rate(tables: Sequence[Table], reading: Reading) -> None:
@@ -128,7 +130,7 @@ class _Meaning:
         self.notes: list[str] = []
         self.groups: dict[str, np.ndarray] = {}
         self.rates: list[tuple[float, str]] = []
-        self.taken: list[int] = []
+        self.used: list[int] = []
         self.starts = self.labels = np.zeros(1, dtype=np.int64)
         self.paths = [table.path for table in tables]
         every = [table.attributes for table in tables]
@@ -190,16 +192,16 @@ class _Meaning:
 
     def _class(self) -> int | str | None:
         """Source of the class: a column, an attribute by its name, or None, the first level of the path."""
-        table, asked = self.table, self.reading.label
+        table, wanted = self.table, self.reading.label
         there = ", ".join((*self.attributes, *table.names))[:300]
         there = there or f"no header: give the number of a column, 1 to {table.width}"
-        if asked is not None:
-            if self.attributes and not asked.isdecimal() and asked not in (*self.attributes, *table.names):
-                fields = f"of a struct or group name a field, as in {asked[:40]}.label"
+        if wanted is not None:
+            if self.attributes and not wanted.isdecimal() and wanted not in (*self.attributes, *table.names):
+                fields = f"of a struct or group name a field, as in {wanted[:40]}.label"
                 table.refuse(
-                    f"--class {asked[:40]}: is not an attribute or column; there are {there}; {fields}"
+                    f"--class {wanted[:40]}: is not an attribute or column; there are {there}; {fields}"
                 )
-            return asked if asked in self.attributes else table.find(asked, "--class")
+            return wanted if wanted in self.attributes else table.find(wanted, "--class")
         names = (*self.attributes, *(() if self.on_path else table.names))
         sure, maybe = (
             [name for word in words for name in names if name.lower() == word]
@@ -221,24 +223,24 @@ class _Meaning:
     def part(self, of_one_file: bool) -> str:
         """Find where recordings begin: with each source, where the columns of recording and class change, and
         at breaks over which the clock does not run on; and the class of each. Returns what says it, in words."""
-        table, label, asked = self.table, self._class(), self.reading.recording
+        table, label, wanted = self.table, self._class(), self.reading.recording
         named = [each for each in self._named(_RECORDING) if each != label]
-        named = named[:1] if asked is None else [table.find(asked, "--recording")]
+        named = named[:1] if wanted is None else [table.find(wanted, "--recording")]
         breaks = [] if named else self._breaks()
         if not named and not breaks and isinstance(label, int) and len(self.tables) == 1:
             why = f"has no column that names the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
             table.refuse(f"{why}; give its name, or its number from 1, with --recording", 0)
-        self.taken = [each for each in (*named, label) if isinstance(each, int)]
+        self.used = [each for each in (*named, label) if isinstance(each, int)]
         changes = [row for column in named for row in self._changes(column).tolist()]
         self.starts = np.array(sorted({*table.firsts, *breaks, *changes}))
-        for column in self.taken:
+        for column in self.used:
             self._check_whole(column, "is the class")
         if breaks:
             self.notes.append(
                 f"{len(breaks)} recordings begin after a blank line or a new header inside a file"
             )
         if named:
-            self.groups[asked or "recording"] = self.fact(named[0])
+            self.groups[wanted or "recording"] = self.fact(named[0])
         if label is None:
             return self._levels(of_one_file)
         self.labels = self.fact(label).astype(str)
@@ -321,7 +323,7 @@ class _Meaning:
         table, taxels = self.table, [*self.chosen]
         empty = [column for column in range(table.width) if column not in table.frame]
         for column in self._named(_GROUPS) if self.chosen else table.frame:
-            if column == self.time or column in self.taken:
+            if column == self.time or column in self.used:
                 continue
             called, (role, why) = table.called(column), self._role(column)
             if role == "empty":
@@ -348,7 +350,7 @@ class _Meaning:
                 "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
             )
         if "recording" in self.groups or self.reading.recording is not None:
-            columns = [*self.taken, *self._named(_GROUPS)]
+            columns = [*self.used, *self._named(_GROUPS)]
             cells = table.frame[columns].iloc[self.starts].assign(source=self.sources)
             again = cells.duplicated().to_numpy()
             if again.any():  # rows of one recording, class and groups with others between
@@ -370,7 +372,7 @@ class _Meaning:
         values = _codes(table.frame[column]) if text else table.parsed(column)
         course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
         level, runs = course == "level", course in ("up", "down")
-        said = name in (*_RECORDING, *CLASS, *_CLASS_TOO)
+        known = name in (*_RECORDING, *CLASS, *_CLASS_TOO)
         series = re.sub(r"\d+", "#", name)
         in_series = series != name and self.series[series] > 1
         is_rate = level and not text and _LIKE_RATE.search(name)
@@ -385,8 +387,8 @@ class _Meaning:
             (text and not table.frame[column].astype(bool).any(), "empty", ""),
             (runs and text and _GLUED.search(str(table.frame[column].iloc[0])), "refused", f"holds a number behind a text; {fix}"),
             (TIME.match(name), "left out", "is time, too,"),
-            (said and level, "group", "describes a recording"),
-            (said, "left out", "changes inside recordings, so is not a group"),
+            (known and level, "group", "describes a recording"),
+            (known, "left out", "changes inside recordings, so is not a group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is not a taxel,"),
             (level and (in_series or same), "taxel", "is constant in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),
@@ -407,7 +409,7 @@ class _Meaning:
         table = self.table
         table.check_filled(column)
         for row in self._inside(column).tolist():
-            where = f"recording {table.frame[self.taken[0]].iloc[row]}" if self.taken else "a file"
+            where = f"recording {table.frame[self.used[0]].iloc[row]}" if self.used else "a file"
             why = f"{table.called(column)} {what} and changes inside {where}; name what a recording is with --recording"
             table.refuse(f"{why}, or the taxels with --columns", row)
 
@@ -452,7 +454,7 @@ class _Meaning:
 
     def rate(self, config: AcceleratorConfig | None) -> tuple[float, str]:
         """One rate for all recordings, and where it comes from, in words."""
-        table, asked, rates = self.table, self.reading.rate_hz, [*self.rates]
+        table, wanted, rates = self.table, self.reading.rate_hz, [*self.rates]
         try:
             rates += [] if self.time is None else self._of_clock(self.time)
             for name in [name for name in self.attributes if RATE.fullmatch(name)][:1]:
@@ -462,13 +464,13 @@ class _Meaning:
                         table.refuse(f"{why}: give --rate HZ")
                     rates.append((float(value), f"{name} of {self._called(number)}"))
         except InputError:
-            if asked is None:
+            if wanted is None:
                 raise
-        middle = float(f"{np.median([rate for rate, _ in rates]):.5g}") if rates else asked
-        if asked is not None:
-            other = abs((middle or asked) / asked - 1) > RATE_TOLERANCE
-            but = f", {asked:g} Hz; but the recordings say {middle:g} Hz" if other else ""
-            return asked, f"the sample rate is the given one{but}"
+        middle = float(f"{np.median([rate for rate, _ in rates]):.5g}") if rates else wanted
+        if wanted is not None:
+            other = abs((middle or wanted) / wanted - 1) > RATE_TOLERANCE
+            but = f", {wanted:g} Hz; but the recordings say {middle:g} Hz" if other else ""
+            return wanted, f"the sample rate is the given one{but}"
         if middle is None and config is not None:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
             return config.sensor.sample_rate_hz, why

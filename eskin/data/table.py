@@ -15,10 +15,10 @@ from eskin.golden.core import InputError, Record
 from eskin.golden.data.codes import Worth, place_of
 
 DataFrame = Any
-"""That of pandas, which is slow to import: functions import it."""
+"""The type of pandas, which is slow to import: functions import it."""
 MOST_BYTES = 2 << 30
 UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
-"""Size to which a file may always unpack, and beyond it the multiple of its own size: recordings shrink to
+"""Size to which a file may always unpack, and beyond it the multiple of the packed size: recordings shrink to
 a half or a tenth."""
 NUMBER = re.compile(r"[-+]?(?:(?:\d[\d.,]*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.I)
 MISSING = ("", "nan", "n/a", "<na>", "null")
@@ -58,7 +58,7 @@ class Table:
     for all rows. breaks: rows before which the source itself has a blank line or a new head. units: of each column.
     clock: the time column, and grid: rows and columns of the taxels, where the source's form says them. class_names: the
     classes in order, where the source lists them. parts, firsts: of several sources the tables, and the first row of
-    each; source, path and attributes are then those of the first.
+    each; source, path and attributes are then the first table's.
     """
 
     frame: DataFrame
@@ -123,10 +123,10 @@ class Table:
         return [TIME.sub("time", name) for name in self.names]
 
     def units_of(self, columns: Sequence[int]) -> list[str]:
-        """The unit of each column, or the one of all: as the source says it, or behind their names as in
+        """The unit of each column, or of all of them: as the source says it, or behind their names as in
         ``a (mV)``. None where some have none."""
-        behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
-        texts = self.units or [match[1] if match else "" for match in behind]
+        suffixes = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
+        texts = self.units or [match[1] if match else "" for match in suffixes]
         units = [texts[column].strip("()[] ") for column in columns] if texts else []
         return units[: 1 if len({*units}) == 1 else None] if all(units) else []
 

@@ -108,23 +108,23 @@ class _File:
     """Lines of a file, and the form that was found of them.
 
     rows: the places of lines that are frames, at first the header's, too. breaks: places that part the rows.
-    heads: LabVIEW's fields of each segment, the first with those of the file. stamps: a serial monitor's, of lines.
+    heads: LabVIEW's fields of each segment, the first with the fields of the file. stamps: a serial monitor's, of lines.
     """
 
-    def __init__(self, path: Path, asked: str | None) -> None:
+    def __init__(self, path: Path, delimiter: str | None) -> None:
         self.path, self.lvm = path, path.suffix.lower() == ".lvm"
         self.quoting: Any = csv.QUOTE_NONE if self.lvm else csv.QUOTE_MINIMAL
         self.notes: list[str] = []
         self.lines = self._decoded().splitlines()
         excel = re.fullmatch(r'"?sep=(.)"?[;,]*', self.lines[0], re.I) if self.lines else None
         if excel:
-            self.lines[0], asked = "", asked or excel[1]
+            self.lines[0], delimiter = "", delimiter or excel[1]
         self.heads, self.breaks = self._without_heads() if self.lvm else ([{}], [])
         self.stamps = {} if self.lvm else self._stamps()
         self.rows = self._rows()
-        if asked is None and self.heads[0].get("Separator"):
-            asked = {"Comma": ",", "Semicolon": ";"}.get(self.heads[0]["Separator"][0], "\t")
-        self.delimiter = self._found(asked)
+        if delimiter is None and self.heads[0].get("Separator"):
+            delimiter = {"Comma": ",", "Semicolon": ";"}.get(self.heads[0]["Separator"][0], "\t")
+        self.delimiter = self._found(delimiter)
 
     def refuse(self, why: str, row: int | None = None) -> NoReturn:
         """Raise InputError about the file, or a line of it."""
@@ -217,17 +217,17 @@ class _File:
         for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell and cell.strip() for cell in cells]
 
-    def _found(self, asked: str | None) -> str:
-        """Separator of the cells: the one that splits most lines alike, into the largest share of numbers;
+    def _found(self, wanted: str | None) -> str:
+        """Separator of the cells: the sign that splits most lines alike, into the largest share of numbers;
         a comma may be a decimal point where another separator is used."""
         shown = self.rows[:200]
-        if asked is not None:
-            asked = next((sign for sign, word in DELIMITERS.items() if word == asked), asked)
-            if len(asked) != 1 or asked.isalnum() or asked in '".-+\n\r\0':
+        if wanted is not None:
+            wanted = next((sign for sign, word in DELIMITERS.items() if word == wanted), wanted)
+            if len(wanted) != 1 or wanted.isalnum() or wanted in '".-+\n\r\0':
                 self.refuse(
-                    f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
+                    f"--delimiter {wanted!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
                 )
-            return asked
+            return wanted
 
         def share_of_numbers(delimiter: str) -> float:
             rows = [*self._cells(delimiter, shown)]
@@ -238,10 +238,10 @@ class _File:
             return (1 + _numeric(filled)) / (1 + len(filled))
 
         best = max(DELIMITERS, key=share_of_numbers)
-        alone = not share_of_numbers(best)
-        if alone and all(NUMBER.fullmatch(self.lines[row].strip()) for row in shown[-1:] + shown[1:]):
+        text = not share_of_numbers(best)
+        if text and all(NUMBER.fullmatch(self.lines[row].strip()) for row in shown[-1:] + shown[1:]):
             return ","  # one taxel
-        if alone:
+        if text:
             why = "is one column when it is split at commas, semicolons, tabs or blanks"
             self.refuse(f"{why}; name what separates its cells with --delimiter", shown[0])
         if self.lvm and best == "," and not any("." in self.lines[row] for row in shown):
@@ -322,7 +322,7 @@ class _File:
 
 def _of_labview(table: Table, file: _File) -> Table:
     """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the headers say
-    otherwise. Where the time is blank the rate is that of Delta_X."""
+    otherwise. Where the time is blank the rate comes from Delta_X."""
     import pandas as pd
 
     cells = [cell.replace(",", ".") for head in file.heads for cell in head.get("Delta_X", [])]

@@ -15,7 +15,7 @@ speeds and pressures.
 
 **Independent of the class.** Length of a touch, shares of its strokes, the pause between them, pressure,
 place, lead-in and direction of the first stroke do not depend on the class. Recordings are equally long, and
-each taxel has its own rest level. tests/eskin/data/test_turns.py checks this.
+each taxel has a separate rest level. tests/eskin/data/test_turns.py checks this.
 
 **The array** is piezoelectric. A taxel does not see static force: ``dV/dt = dF/dt - V / tau``, ``tau = 1 / (2 pi
 CORNER_HZ)``. Gain (5 % apart) and rest level (1.65 V, 4 mV apart) belong to the taxel. White noise and slow drift

@@ -35,7 +35,7 @@ from eskin.training.formats import with_network
 
 NAMES = ("inputs", "outputs")
 TOLERANCE = 1e-4
-"""Between logits in single precision and those of what was read, of 1 + the largest logit."""
+"""Between logits in single precision and the logits of the read network, of 1 + the largest logit."""
 
 
 def differences(outputs: np.ndarray, logits: np.ndarray) -> dict[str, float]:
@@ -231,10 +231,10 @@ def fitted(
         It is another network than said, or of another array or task.
     """
     where, recurrent = f"network '{network.path}'", network.cell != "linear"
-    said = [("cell", cell, network.cell), ("reset", reset, network.reset)]
-    for name, value, held in said[: 1 + (network.cell == "gru")]:
-        if value not in (None, held):
-            raise InputError(f"{where}: has {name} {held}, not {value}; use --{name} {held}")
+    facts = [("cell", cell, network.cell), ("reset", reset, network.reset)]
+    for name, value, expected in facts[: 1 + (network.cell == "gru")]:
+        if value not in (None, expected):
+            raise InputError(f"{where}: has {name} {expected}, not {value}; use --{name} {expected}")
     try:
         config = with_network(
             config.replace(gate_activation=network.gate_activation),
@@ -316,8 +316,8 @@ def import_network(
     Parameters
     ----------
     file:
-        A torch state_dict (``read_layers``); an ONNX file (`eskin.exchange.import_onnx`), whose cell and reset are
-        its own.
+        A torch state_dict (``read_layers``); an ONNX file (`eskin.exchange.import_onnx`), which has cell and
+        reset.
     config:
         Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
         size follows the file.
@@ -330,7 +330,7 @@ def import_network(
         The normalisation of its training, codes: feature = (window mean - mean) / std, one pair for all
         inputs; both or none.
     recordings:
-        Without ``mean`` and ``std``: those of the window means of these recordings, as training here takes
+        Without ``mean`` and ``std``: of the window means of these recordings, as training here takes
         them.
     check:
         Reference inputs and outputs (`check_reference`); where they disagree nothing is written.
@@ -406,8 +406,8 @@ def import_network(
     if shows in BY_LAST_STEP and config.network.decision == "vote":  # one that is early stays so
         config = config.replace(decision="last")
     decision = config.network.decision
-    kept = "" if shows == "metadata" or decision == "last" else ", the configuration's"
-    notes = [f"decision {decision}{kept}: {SHOWS[shows]}", *notes]
+    source = "" if shows == "metadata" or decision == "last" else ", the configuration's"
+    notes = [f"decision {decision}{source}: {SHOWS[shows]}", *notes]
     record = {
         "imported": {
             "file": str(file),
@@ -483,7 +483,7 @@ def _state(path: Path) -> dict[str, torch.Tensor]:
 
 
 def _names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
-    """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the one
+    """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the
     remaining pair, the Linear."""
 
     def refuse(why: str, array: str = "") -> NoReturn:

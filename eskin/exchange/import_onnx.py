@@ -144,7 +144,7 @@ class Graph:
 
     @property
     def configuration(self) -> AcceleratorConfig | None:
-        """That of an exported file."""
+        """The metadata of an exported file."""
         where = f"network '{self.path}'"
         return AcceleratorConfig.from_dict(self.metadata["config"], where) if self.metadata else None
 
@@ -186,10 +186,10 @@ class Graph:
 # ---------------------------------------------------------------------- what the nodes say
 def scale_of(graph: Graph, config: AcceleratorConfig) -> Record | None:
     """mean, std and their source as the file keeps them; None where it keeps none."""
-    if not (kept := graph.metadata):
+    if not (metadata := graph.metadata):
         return None
     try:
-        values = {name: np.asarray(kept[name], dtype=np.float64) for name in ("mean", "std")}
+        values = {name: np.asarray(metadata[name], dtype=np.float64) for name in ("mean", "std")}
     except (ValueError, TypeError, OverflowError):
         raise InputError(
             f"network '{graph.path}', metadata {METADATA}: is damaged; export the model again"
@@ -206,8 +206,8 @@ def shown(
     ``arrays`` is refused (InputError)."""
     shows, steps = _agree(network.graph, config, arrays)
     if (own := network.graph.configuration) is not None:
-        kept = {name: getattr(own.network, name) for name in ("decision", "early_margin", "early_steps")}
-        shows, config = "metadata", config.replace(**kept)
+        rules = {name: getattr(own.network, name) for name in ("decision", "early_margin", "early_steps")}
+        shows, config = "metadata", config.replace(**rules)
     notes = []
     if network.cell == "gru":
         flag = int(network.reset == "after")
@@ -269,7 +269,7 @@ def read_onnx(path: str | Path) -> Network:
 
 
 def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Weights (C, columns) and bias (C) of the one dense layer."""
+    """Weights (C, columns) and bias (C) of the single dense layer."""
     layers = graph.nodes("Gemm", "MatMul")
     if len(layers) != 1:
         node = layers[1] if layers else graph.graph.node[-1]
@@ -322,12 +322,12 @@ def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str
     rng = np.random.default_rng(1)
     failed: list[InputError] = []
     for layout, size in fitting:
-        batch, taken = size.get("batch", 1), size.get("steps", steps)
-        if batch * taken * inputs > MOST_VALUES:
+        batch, touch_steps = size.get("batch", 1), size.get("steps", steps)
+        if batch * touch_steps * inputs > MOST_VALUES:
             raise InputError(
-                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one for a single touch of {steps}"
+                f"network '{graph.path}': takes {batch} touches of {touch_steps} steps at once; save one for a single touch of {steps}"
             )
-        features = rng.normal(0.0, 1.0, (batch, taken, inputs))
+        features = rng.normal(0.0, 1.0, (batch, touch_steps, inputs))
         given = features if config.recurrent or config.sets > 1 else features.sum(axis=1)
         if layout[0] == "steps":
             given = given.swapaxes(0, 1)
@@ -340,7 +340,7 @@ def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str
         found = [differences(output, logits) for output in outputs]
         alike = [shows for far in found for shows, value in far.items() if value <= TOLERANCE]
         if alike:
-            return min(alike), taken
+            return min(alike), touch_steps
     if len(failed) == len(fitting):
         raise failed[0]
     graph.refuse(

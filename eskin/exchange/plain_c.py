@@ -1,8 +1,8 @@
 """The integer model as plain C: C99, integers alone, one call a frame, constants in tables.
 
-docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it
-takes their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; this module
-computes their values.
+docs/specification.md, sections 1 to 8 and 15, and docs/specification_interfaces.md, section 10 (faults), a third
+time beside golden model and hardware: it takes their tables and formats, and adds up hops, as the hardware does.
+`templates` hold the code; this module computes their values.
 """
 
 import textwrap
@@ -123,7 +123,7 @@ def _wide(config: AcceleratorConfig) -> str:
 def _frame_values(config: AcceleratorConfig) -> Record:
     """Values of the templates beside the configuration (``c``) and its fields.
 
-    hop_sums: what is added up hop by hop, ``depth`` hops of it. ring: frames of deviations that are held. moves:
+    hop_sums: sums that are added up hop by hop, ``depth`` hops of it. ring: frames of deviations that are held. moves:
     activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are types and terms.
     """
     rule, windows, kinds = config.onset_rule, config.windows, config.features.feature_kinds
@@ -248,8 +248,8 @@ def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]
             frame = trace.config.sensor.source_frame(int(frame))
             flags, *before = of_recording.get(frame, (0, 0, 0, 0, 0))
             latest = latest if is_global else int(label)
-            kept = before[:3] if flags & 2 else (int(label), int(margin), int(step))
-            of_recording[frame] = (flags | 1 + int(is_global), *kept, latest)
+            row = before[:3] if flags & 2 else (int(label), int(margin), int(step))
+            of_recording[frame] = (flags | 1 + int(is_global), *row, latest)
         calls.append(
             [
                 (frame, *call)

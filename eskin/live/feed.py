@@ -44,7 +44,7 @@ class Onset:
 
 @dataclass(frozen=True)
 class Where:
-    """Position of a touch, docs/specification.md section 13: centre x, y in sixteenths of a
+    """Position of a touch, docs/specification_interfaces.md section 13: centre x, y in sixteenths of a
     cell, ``peak`` a taxel.
 
     frame: whose it is (0: not known). ended: the touch is over; direction: of its slide,
@@ -126,7 +126,7 @@ class Differs:
 
 @dataclass(frozen=True)
 class End:
-    """A recording is over. decision: that of its first touch, -1 none. whole: the recording was played to its
+    """A recording is over. decision: its first touch's, -1 none. whole: the recording was played to its
     end."""
 
     decision: int
@@ -166,4 +166,4 @@ class Tally:
     mismatches: int = 0
     behind_s: float = 0.0
     frames_per_s: float = 0.0
-    said: list[str] = field(default_factory=list)
+    sentences: list[str] = field(default_factory=list)

@@ -21,7 +21,7 @@ for."""
 VALUES_HZ = 3200.0
 """Taxel values a second that a viewer gets, at most: large arrays get fewer display frames."""
 KEPT, RESULTS = 4000, 60
-"""Messages that are kept, and results before the present recording that a viewer who comes later gets."""
+"""Messages that are kept, and results before the present recording that a later viewer gets."""
 
 
 class Thinner:
@@ -103,7 +103,7 @@ class Hub:
             "frames_per_s": round(tally.frames_per_s),
             "viewers": self.viewers,
         }
-        del figures["said"]
+        del figures["sentences"]
         self._tell("tally", figures)
 
     def _tell(self, kind: str, fields: Record) -> None:

@@ -1,4 +1,4 @@
-"""The host's side of the serial link (docs/specification.md, section 9): packets, numbering, sending again,
+"""The host's side of the serial link (docs/specification_interfaces.md, section 9): packets, numbering, sending again,
 playing a recording.
 
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
@@ -18,7 +18,7 @@ ESCAPED = re.compile(rb"\x7d(.)", re.DOTALL)
 READ, FRAME = 0x80, 0x40
 """Commands; a write has neither bit. The low 6 bits are the register's address."""
 REACH, WINDOW = 0x40, 0x3C
-"""Registers from REACH on are those of teaching, 0x48 to 0x4B: packets name them WINDOW to WINDOW + 3."""
+"""Registers from REACH on teach, 0x48 to 0x4B: packets name them WINDOW to WINDOW + 3."""
 NO_WORD, NUMBER_AT = 0xFFFF, 9
 """The value of register PLACES for no word, and the first bit of the word's number."""
 NUMBERS = 128
@@ -26,7 +26,7 @@ NUMBERS = 128
 ANSWER_BYTES = 7
 """Bytes of a packet from the device, check sequence included."""
 DECISION = 1 << 31
-"""Bit of a device packet's payload; the others are those of the decision, or of an answer."""
+"""Bit of a device packet's payload; the others belong to the decision, or to an answer."""
 CYCLES_A_BYTE_MIN = 40
 """Clocks of a byte at the fastest rate a device is built for."""
 CHATTER = 4096
@@ -248,7 +248,9 @@ class Link:
         self._command("ARM", "CLEAR_FAULTS")
         self.write([*writes, (self._registers["MEASURE"], self.map["measures"]["STEP"])])
 
-    def play(self, frames: np.ndarray, progress: Progress = lambda taken: None, look: int = 0) -> Played:
+    def play(
+        self, frames: np.ndarray, progress: Progress = lambda frames_done: None, look: int = 0
+    ) -> Played:
         """Play one recording.
 
         Parameters
@@ -270,7 +272,7 @@ class Link:
             if look:
                 self.feed(frames[:look], progress)
                 self.looks["TOUCH"] = self.settle().value
-            self.feed(frames[look:], lambda taken: progress(look + taken))
+            self.feed(frames[look:], lambda done: progress(look + done))
             played = self.end()
             if not self.lost:
                 return played
@@ -281,7 +283,7 @@ class Link:
         )
 
     def begin(self) -> None:
-        """Arm: what is fed from now on is a new recording."""
+        """Arm: frames that are fed from now on are a new recording."""
         self._command("CLEAR_FAULTS")  # before ARM, which may raise none
         self._command("ARM")
         answer = self.settle()
@@ -289,7 +291,7 @@ class Link:
         self._seen, self.lost, self.decisions = answer.decisions, False, []
         self.looks = {"ARM": answer.value}
 
-    def feed(self, frames: np.ndarray, progress: Progress = lambda taken: None) -> None:
+    def feed(self, frames: np.ndarray, progress: Progress = lambda done: None) -> None:
         """The recording's next frames (frames, taxels); returns when the device has accepted them."""
         self._send([(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)], progress)
 
@@ -318,17 +320,17 @@ class Link:
                 return answer
         raise LinkError("the device stays busy and does not come to an end: reset it")
 
-    def _send(self, packets: Sequence[Packet], progress: Progress = lambda taken: None) -> None:
+    def _send(self, packets: Sequence[Packet], progress: Progress = lambda done: None) -> None:
         sent = idle = 0
         while sent < len(packets):
             batch = packets[sent : sent + self._burst]
             self._transport.write(
                 b"".join(ordered_packet(self._next + k, *packet) for k, packet in enumerate(batch))
             )
-            taken = self._taken(len(batch))
-            sent, self._next = sent + taken, self._next + taken & 0xFF
-            self.repeated += len(batch) - taken
-            idle = 0 if taken else idle + 1
+            accepted = self._taken(len(batch))
+            sent, self._next = sent + accepted, self._next + accepted & 0xFF
+            self.repeated += len(batch) - accepted
+            idle = 0 if accepted else idle + 1
             if idle >= TRIES:
                 raise LinkError(
                     "the device answers but takes no frames: its bitstream is for another number of taxels"
@@ -343,7 +345,7 @@ class Link:
                 deque(self._answers(), 0)
             # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not
             # ready in time gets a rest.
-            self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, BURST)
+            self._burst = max(1, self._burst // 2) if accepted < len(batch) else min(2 * self._burst, BURST)
             progress(sent)
 
     def _taken(self, sent: int) -> int:

@@ -213,8 +213,8 @@ class Player:
 
     def _say(self, sentence: str) -> bool:
         """Keep a sentence for the end. False if the limit is reached."""
-        if room := len(self.tally.said) < SAID_MAX:
-            self.tally.said.append(sentence)
+        if room := len(self.tally.sentences) < SAID_MAX:
+            self.tally.sentences.append(sentence)
         return room
 
     def _state(self) -> None:

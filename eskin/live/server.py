@@ -1,7 +1,7 @@
 """The browser page and its messages over one port: HTTP for the page, a websocket for the rest.
-Runs in its own thread.
+Runs in a separate thread.
 
-A viewer who does not take his messages loses the oldest of them. One who vanished is found out by a ping.
+A viewer that does not take its messages loses the oldest of them. A ping finds a viewer that vanished.
 """
 
 import asyncio
@@ -134,7 +134,7 @@ class PageServer:
         self._hub.viewers += 1
         tasks = [asyncio.create_task(each(connection)) for each in (self._send, self._listen)]
         try:
-            # he who has left sends nothing any more
+            # a viewer that left sends nothing any more
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._hub.viewers -= 1

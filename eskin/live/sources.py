@@ -76,18 +76,18 @@ class ModelSource:
         return []
 
     def scanned(self, samples: np.ndarray) -> np.ndarray:
-        """Those of ``frames`` that the chain takes."""
+        """The frames among ``frames`` that the chain takes."""
         every = self.config.sensor.scan_every
         return samples[-self.stream.frame % every :: every]
 
     def where(self, samples: np.ndarray) -> list[Event]:
         """Positions of the next frames that the chain takes: of the last of them, and of those that end a touch."""
         positions = self._positions.push(samples) if self._positions else []
-        told = (position for position in positions if position.ended or position is positions[-1])
+        shown = (position for position in positions if position.ended or position is positions[-1])
         frame_of = self.config.sensor.source_frame
         return [
             Where(frame_of(made.frame + 1), made.x, made.y, made.peak, made.ended, made.direction)
-            for made in told
+            for made in shown
         ]
 
     def finish(self) -> list[Event]:
@@ -192,9 +192,11 @@ class SimulationSource(ModelSource):
     def close(self) -> None:
         self._device.close()
 
-    def _compare(self, decisions: Sequence[Decision], came: dict[str, list[int]], where: str) -> list[Event]:
-        """One frame's values, decision by decision; what is left over is a difference too."""
-        queues = {stage: deque(values) for stage, values in came.items() if stage != "step"}
+    def _compare(
+        self, decisions: Sequence[Decision], received: dict[str, list[int]], where: str
+    ) -> list[Event]:
+        """One frame's values, decision by decision; values left over are a difference too."""
+        queues = {stage: deque(values) for stage, values in received.items() if stage != "step"}
         compared: list[Event] = []
         for decision in decisions:
             stages = {}
@@ -218,12 +220,15 @@ def _stage(expected: Sequence[int], values: Sequence[int | None]) -> Stage:
 
 
 def _hardware(
-    config: AcceleratorConfig, made: Decision, came: deque[int] | None, stages: Mapping[str, Stage] = EMPTY
+    config: AcceleratorConfig,
+    made: Decision,
+    received: deque[int] | None,
+    stages: Mapping[str, Stage] = EMPTY,
 ) -> Hardware:
     """Beside the other stages the decision: class and margin first, so that they can be shown; then step,
     is_global, partial, unsure."""
     row = unpack_decision(config, pack_decision(config, made.row()))
-    values = unpack_decision(config, came.popleft()) if came else {}
+    values = unpack_decision(config, received.popleft()) if received else {}
     decision = _stage([row[name] for name in SHOWN], [values.get(name) for name in SHOWN])
     return Hardware(made.touch, made.step, made.is_global, {**stages, "decision": decision})
 
@@ -287,7 +292,7 @@ class BoardSource(ModelSource):
 
 @contextlib.contextmanager
 def on_port(port: str) -> Iterator[None]:
-    """A LinkError in the block becomes the one sentence that names the port.
+    """A LinkError in the block becomes a sentence that names the port.
 
     Raises
     ------
@@ -301,7 +306,7 @@ def on_port(port: str) -> Iterator[None]:
 
 @dataclasses.dataclass
 class Listener:
-    """A board that takes its frames from its own converter: its decisions as they come. No frames are on the
+    """A board that takes its frames from its converter: its decisions as they come. No frames are on the
     link, and no model runs."""
 
     kind = "listening"

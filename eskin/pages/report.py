@@ -34,9 +34,11 @@ from eskin.choose.choice_table import (
     where_it_fails,
     windows_brief,
 )
+from eskin.cosim.results import Played
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.pages.charts import CHOSEN, SCANS, STYLE, draw_costs, log_axis, svg
 from eskin.pages.views import page, short_name, tables, words, write_text
+from eskin.training.evaluate import Evaluation
 from eskin.training.formats import describe_formats
 
 PAGE = "report.html"
@@ -74,9 +76,10 @@ def well_formed(folder: Path) -> Iterator[None]:
         ArithmeticError,
         jinja2.TemplateError,
     ) as error:
+        why = " ".join(str(error).partition(" [type=")[0].split())  # pydantic has more lines
         raise InputError(
             f"result '{folder}': a field of its files is missing or has another type or size than 'eskin run' writes "
-            f"({error}); make the result again"
+            f"({why}); make the result again"
         ) from error
 
 
@@ -212,13 +215,14 @@ def _values(folder: Path) -> Record:
     read = lambda name: read_json(folder / f"{name}.json")
     run, training, where = read("run"), read("model/training"), "model/config.json"
     config = AcceleratorConfig.from_dict(read_json(folder / where), str(folder / where))
-    declared = {} if config.is_image else read("cosim_declared")
-    lowest = None if config.is_image or run["lowest_clock_hz"] is None else read("cosim_lowest")
+    played = lambda name: Played.model_validate(read(name))
+    declared = None if config.is_image else played("cosim_declared")
+    lowest = None if config.is_image or run["lowest_clock_hz"] is None else played("cosim_lowest")
     candidates = [] if config.is_image else run.get("candidates") or []
     return {
         "run": run,
-        "evaluate": read("evaluate"),
-        "cosim": read("cosim"),
+        "evaluate": Evaluation.model_validate(read("evaluate")),
+        "cosim": played("cosim"),
         "declared": declared,
         "lowest": lowest,
         "training": training,
@@ -263,7 +267,7 @@ def _render(values: Record) -> str:
             charts["lanes"] = svg(draw_lanes(run["lanes"], config.hardware.lanes))
     values["charts"] = charts
     if config.is_image:
-        errors = {row["stage"]: row for row in values["evaluate"]["stages"]}
+        errors = {row.stage: row for row in values["evaluate"].stages}
         return page("images.html.j2", **values, errors=errors, formats=describe_formats(config))
     return page(
         "report.html.j2",

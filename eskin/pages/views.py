@@ -11,13 +11,17 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jinja2
 from rich.markup import escape
 from rich.table import Column, Table
 
-from eskin.golden.core import Record, replacing
+from eskin.golden.core import replacing
+
+if TYPE_CHECKING:
+    from eskin.cosim.results import Placed, Played
+    from eskin.training.stage_error import LogitError
 
 TEMPLATES = Path(__file__).with_name("templates")
 USUAL_NAMES = ("recordings", "train", "training", "test", "data", "dataset")
@@ -80,26 +84,25 @@ def number(value: float | Sequence[float] | None, spec: str, factor: float = 1) 
     return "-" if value is None else format(value * factor, spec)
 
 
-def mean_and_largest(error: Record) -> str:
-    """{mean, max} of an error in words."""
-    return "no step to judge" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
+def mean_and_largest(error: "LogitError") -> str:
+    """An error in words."""
+    return "no step to judge" if error.max is None else f"{error.mean:.3f}, at most {error.max:.2f}"
 
 
-def verdict(played: Record) -> str:
-    """Result of a co-simulation in a word or two; that of a netlist as placed has only bit_exact."""
-    word = played.get("verdict") or ("bit-exact" if played["bit_exact"] else "differs")
+def verdict(played: "Played | Placed") -> str:
+    """Result of a co-simulation in a word or two; of a netlist as placed by ``bit_exact`` alone."""
+    word = getattr(played, "verdict", "bit-exact" if played.bit_exact else "differs")
     return word.upper() if word in ("differs", "gave up") else word
 
 
-def compared(played: Record, things: str = "recordings") -> str:
+def compared(played: "Played", things: str = "recordings") -> str:
     """The sentence that explains `verdict`."""
-    things = things.removesuffix("s") if played["recordings"] == 1 else things
-    values = f"{count(played['compared_values'])} values of {count(played['recordings'])} {things} compared"
+    things = things.removesuffix("s") if played.recordings == 1 else things
+    values = f"{count(played.compared_values)} values of {count(played.recordings)} {things} compared"
     match verdict(played):
-        case "GAVE UP":
-            where = played["gave_up"]
+        case "GAVE UP" if where := played.gave_up:
             return (
-                f"the hardware stopped responding at recording {where['recording']}, frame {where['frame']}, so the bench "
+                f"the hardware stopped responding at recording {where.recording}, frame {where.frame}, so the bench "
                 f"ended the run; {values} until then"
             )
         case "no decision":
@@ -108,7 +111,7 @@ def compared(played: Record, things: str = "recordings") -> str:
                 "use other recordings"
             )
         case "DIFFERS":
-            return f"{count(played['mismatches'])} of {values} differ"
+            return f"{count(played.mismatches)} of {values} differ"
     return f"{values}, none differs"
 
 

@@ -16,9 +16,9 @@ board, small designs with little fan-out, no block RAM. A figure is therefore ac
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
-from eskin.golden.core import AcceleratorConfig, Record, converter_plan
+from eskin.golden.core import AcceleratorConfig, Record, Result, converter_plan
 
 BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
@@ -79,8 +79,7 @@ PARTS = {
 """Parts by the device name of their boards."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Activity:
+class Activity(Result):
     """Activity of the hardware, averages of co-simulated recordings.
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
@@ -97,6 +96,53 @@ class Activity:
     idle_toggles: float
     source: str
     recordings: int = 0
+
+
+class Choice(Result):
+    """A clock: waiting, and with a touch a second; ``hours`` of 1000 mAh at 5 V. An outside clock's own power is
+    excluded."""
+
+    name: str
+    clock_hz: float
+    idle_w: float
+    average_w: float
+    hours: float
+
+
+class ConverterPower(Result):
+    """Power of a converter that runs all the time; ``scanning_w``, were it to take nothing between scans; energy of the
+    frames of a touch. None where no figure is at hand."""
+
+    converter: str
+    chips: int
+    power_w: float | None
+    scanning_w: float | None
+    per_touch_j: float | None
+    rests_on: str
+
+
+class Estimate(Result):
+    """Energy and power of a configuration on a part.
+
+    clock_hz: the lowest that meets every budget; idle_w: with it from outside, always on. choices: clocks, with an
+    outside one that stops between samples and each of the part's own oscillator that is fast enough. interface: the
+    converter, in no other figure.
+    """
+
+    method: str
+    band: float
+    rests_on: str
+    part: str
+    activity: Activity
+    clock_hz: float
+    per_step_j: float
+    per_touch_j: float
+    preprocessing_per_touch_j: float
+    touch_s: float
+    static_w: float
+    idle_w: float
+    choices: list[Choice]
+    interface: ConverterPower | None
 
 
 COMPUTE_BLOCKS = ("cell", "classifier")
@@ -174,7 +220,7 @@ def scheduled_activity(
     )
 
 
-def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> Record:
+def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> Estimate:
     """The energy of one configuration on one part.
 
     Parameters
@@ -183,16 +229,6 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         A part or its name in `PARTS`.
     clock_hz:
         The lowest clock that meets every budget: the outside clock of the first two choices below.
-
-    Returns
-    -------
-    dict
-        method, band, rests_on, part, activity, clock_hz; per_step_j, per_touch_j,
-        preprocessing_per_touch_j, touch_s, static_w, idle_w (outside clock, always on);
-        choices: list of {name, clock_hz, idle_w, average_w, hours} - an outside clock that always runs, one that
-        stops between samples, the part's own oscillator at each of its clocks that is fast enough. hours: of
-        1000 mAh at 5 V. The outside clock's own power is excluded. interface: of
-        `eskin.study.energy`, in no sum.
     """
     part = PARTS[part] if isinstance(part, str) else part
     steps, rate, frames = config.windows.steps, config.sensor.scan_rate_hz, config.last_frame
@@ -205,12 +241,12 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
     stopped = part.static_w + rate * (activity.quiet_frame_cycles * part.clock_j + switching)
     more_cycles = activity.frame_cycles - activity.quiet_frame_cycles  # of a frame in a touch
-    choices: list[Record] = []
+    choices: list[Choice] = []
 
     def choice(name: str, hertz: float, idle: float, added: float) -> None:
         average = idle + TOUCHES_PER_S * added
-        figures = {"idle_w": idle, "average_w": average, "hours": BATTERY_J / average / 3600}
-        choices.append({"name": name, "clock_hz": hertz, **figures})
+        hours = BATTERY_J / average / 3600
+        choices.append(Choice(name=name, clock_hz=hertz, idle_w=idle, average_w=average, hours=hours))
 
     choice("outside clock, always on", clock_hz, on, steps * switched)
     added = steps * per_step + frames * more_cycles * part.clock_j
@@ -219,53 +255,51 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         if hertz >= clock_hz:
             idle = watt + hertz * idle_toggles + rate * switching
             choice(f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, steps * switched)
-    return {
-        "method": f"estimate: {activity.source}, times published figures of the part",
-        "band": part.band,
-        "rests_on": part.rests_on,
-        "part": part.name,
-        "activity": asdict(activity),
-        "clock_hz": clock_hz,
-        "per_step_j": per_step,
-        "per_touch_j": steps * per_step,
-        "preprocessing_per_touch_j": frames * frame,
-        "touch_s": frames / rate,
-        "static_w": part.static_w,
-        "idle_w": on,
-        "choices": choices,
-        "interface": converter_power(config),
-    }
+    return Estimate(
+        method=f"estimate: {activity.source}, times published figures of the part",
+        band=part.band,
+        rests_on=part.rests_on,
+        part=part.name,
+        activity=activity,
+        clock_hz=clock_hz,
+        per_step_j=per_step,
+        per_touch_j=steps * per_step,
+        preprocessing_per_touch_j=frames * frame,
+        touch_s=frames / rate,
+        static_w=part.static_w,
+        idle_w=on,
+        choices=choices,
+        interface=converter_power(config),
+    )
 
 
-def converter_power(config: AcceleratorConfig) -> Record | None:
-    """Highest power of the converter while it runs all the time; None without a converter.
-
-    Returns
-    -------
-    dict
-        converter, chips, power_w (None: no figure at hand), scanning_w (the same, were it to take nothing between
-        scans), per_touch_j (of the touch's frames; both None likewise), rests_on (words).
-    """
-    converter, power, scanning, energy = config.interface.converter, None, None, None
+def converter_power(config: AcceleratorConfig) -> ConverterPower | None:
+    """Highest power of the converter while it runs all the time; None without a converter."""
+    converter = config.interface.converter
     if converter.name == "none":
         return None
-    plan, words = converter_plan(config), "no figure of its data sheet at hand"
-    if converter.watt is not None:
-        power = plan.chips * converter.watt
-        scanning = power * plan.scan_cycles / config.hardware.clock_hz * config.sensor.scan_rate_hz
-        energy = power * config.touch_s
-        words = f"{converter.stated}; never idle, so an upper figure at this rate; not measured"
-    figures = {"power_w": power, "scanning_w": scanning, "per_touch_j": energy, "rests_on": words}
-    return {"converter": converter.name, "chips": plan.chips, **figures}
-
-
-def in_words(power: Record) -> str:
-    """A row of a table."""
-    if power["power_w"] is None:
-        return f"{power['converter']}: {power['rests_on']}"
-    many = f"{power['chips']} chips, " if power["chips"] > 1 else ""
-    asleep = f"{1e3 * power['scanning_w']:.3g} mW if it sleeps between scans"
-    figures = (
-        f"{1e3 * power['power_w']:.3g} mW at most, {asleep}, {1e3 * power['per_touch_j']:.3g} mJ a touch"
+    plan = converter_plan(config)
+    found = ConverterPower(
+        converter=converter.name,
+        chips=plan.chips,
+        power_w=None,
+        scanning_w=None,
+        per_touch_j=None,
+        rests_on="no figure of its data sheet at hand",
     )
-    return f"{figures} ({many}{power['rests_on']}); in no other figure"
+    if converter.watt is not None:
+        found.power_w = power = plan.chips * converter.watt
+        found.scanning_w = power * plan.scan_cycles / config.hardware.clock_hz * config.sensor.scan_rate_hz
+        found.per_touch_j = power * config.touch_s
+        found.rests_on = f"{converter.stated}; never idle, so an upper figure at this rate; not measured"
+    return found
+
+
+def in_words(power: ConverterPower) -> str:
+    """A row of a table."""
+    if power.power_w is None or power.scanning_w is None or power.per_touch_j is None:
+        return f"{power.converter}: {power.rests_on}"
+    many = f"{power.chips} chips, " if power.chips > 1 else ""
+    asleep = f"{1e3 * power.scanning_w:.3g} mW if it sleeps between scans"
+    figures = f"{1e3 * power.power_w:.3g} mW at most, {asleep}, {1e3 * power.per_touch_j:.3g} mJ a touch"
+    return f"{figures} ({many}{power.rests_on}); in no other figure"

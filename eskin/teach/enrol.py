@@ -54,19 +54,19 @@ class Enrolment:
     """Settings of training on.
 
     updates, learning_rate: gradient steps and the largest rate of their one-cycle schedule, Adam. share: of
-    the draws that are new touches, where old recordings are at hand. near: weight of the sum of squared
+    the draws that are new touches, where old recordings are at hand. pull: weight of the sum of squared
     distances of all weights to the old ones, beside the mean cross-entropy.
     """
 
     updates: int
     learning_rate: float
     share: float
-    near: float
+    pull: float
 
 
 SETTINGS: dict[bool, Enrolment] = {
-    True: Enrolment(updates=300, learning_rate=0.01, share=0.25, near=0.0),
-    False: Enrolment(updates=150, learning_rate=0.005, share=1.0, near=0.1),
+    True: Enrolment(updates=300, learning_rate=0.01, share=0.25, pull=0.0),
+    False: Enrolment(updates=150, learning_rate=0.005, share=1.0, pull=0.1),
 }
 """By whether old recordings are at hand. With them it is as first thought of: a quarter of the draws, a third of
 the first training's rate. The penalty without them was chosen on seeds 0 to 2 of pvdf_indent's sequences, as
@@ -106,7 +106,7 @@ def fit(
     seed: int,
     progress: Progress = lambda done, total: None,
 ) -> list[FittedNetwork]:
-    """Train each network on with its new touches, in integer arithmetic; those of the same formats at once;
+    """Train each network on with its new touches, in integer arithmetic; networks of the same formats at once;
     deterministic by ``seed``.
 
     Parameters
@@ -114,33 +114,33 @@ def fit(
     recipe:
         Loss and augmentation, as in their first training.
     new, old:
-        For each network the rows of its touches to enrol, and those of the old recordings; None: there are none.
+        For each network the rows of its touches to enrol, and the rows of the old recordings; None: there are none.
     """
     setting = SETTINGS[old is not None]
 
     def batches_of(config: AcceleratorConfig, members: list[int]) -> Batches:
-        generator, fresh = torch.Generator().manual_seed(seed), [new[number] for number in members]
+        generator, new_ones = torch.Generator().manual_seed(seed), [new[number] for number in members]
 
         def draw(batch: int) -> torch.Tensor:
             """A fixed share from the new touches, the rest from the old ones."""
             if old is None:
-                return drawn_rows(fresh, batch, generator)
+                return drawn_rows(new_ones, batch, generator)
             count, before = max(1, round(batch * setting.share)), [old[number] for number in members]
-            rows = drawn_rows(fresh, count, generator), drawn_rows(before, batch - count, generator)
+            rows = drawn_rows(new_ones, count, generator), drawn_rows(before, batch - count, generator)
             return torch.cat(rows, dim=-1)
 
         real = [networks[number].real.arrays for number in members]
         scales = [(arrays["mu"].tolist(), arrays["sigma"].tolist()) for arrays in real]
-        return Batches(data, config, recipe, fresh, generator, scales=scales, draw=draw)
+        return Batches(data, config, recipe, new_ones, generator, scales=scales, draw=draw)
 
     def loss_of(network: IntegerNetwork) -> Loss:
         begin = {name: weight.detach().clone() for name, weight in network.weights.items()}
 
         def loss(features: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
             of_labels = class_loss(recipe, network(network.feature_codes(features)), labels, counts)
-            if not setting.near:
+            if not setting.pull:
                 return of_labels
-            return of_labels + setting.near * sum(
+            return of_labels + setting.pull * sum(
                 ((weight - begin[name]) ** 2).flatten(1).sum(1) for name, weight in network.weights.items()
             )
 
@@ -181,7 +181,7 @@ OF_RECORDINGS = ("feature", "state", "logit", "sigmoid pre-activation", "tanh pr
 
 
 def check_other_folder(model_dir: str | Path, out: str | Path) -> None:
-    """Refuse (InputError) to write a model over the one it comes from, or over another folder."""
+    """Refuse (InputError) to write a model over the model it comes from, or over another folder."""
     if Path(out).resolve() == Path(model_dir).resolve():
         raise InputError(
             f"model '{out}': is the model to start from, which enrol does not change; name another folder"
@@ -227,7 +227,7 @@ def enrol(
     if load_config(model_dir).has_prototypes:
         raise InputError(
             f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; "
-            "give --teach in place of --data, or quantise it without --readout first"
+            "give `teach` in place of `data`, or quantise it without `readout` first"
         )
     record, config = load_training(model_dir), IntegerModel.load(model_dir).config
     few = for_model(few, config)
@@ -247,7 +247,7 @@ def enrol(
             )
     if old is not None and not len(former):
         raise InputError(
-            f"recordings '{old.source}': have no touch; leave --with out, or check their onsets with 'eskin inspect'"
+            f"recordings '{old.source}': have no touch; leave `with_` out, or check their onsets with 'eskin inspect'"
         )
     network = load_network(model_dir, data)
     (enrolled,) = fit([network], recipe, [new], None if old is None else [former], seed, progress)
@@ -352,7 +352,7 @@ def front_ends_without(
 ) -> list[AcceleratorConfig]:
     """For each value of ``groups`` the front end that is chosen without its recordings.
 
-    Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their
+    Values are dealt to CHOICES parts; the choice without a part serves all of its values, and their
     networks train at once. If there are at least two other values, they are left out in turn.
     """
     front_ends, everything = FrontEnds(recordings), np.arange(len(recordings))
@@ -375,7 +375,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
     """
     if not groups:
         raise InputError(
-            "--group: is missing; name the group array whose values are mountings, persons or positions"
+            "`group`: is missing; name the group array whose values are mountings, persons or positions"
         )
     of_value = {}
     for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
@@ -414,7 +414,7 @@ def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
     aside from both trainings; None: there are none), recordings, others (how many judge), lacking (classes
     that the value has no recording of).
 
-    Touches enrolled with a smaller k are among those of a larger, and the same recordings judge every k.
+    Touches enrolled with a smaller k are among the touches of a larger, and the same recordings judge every k.
     """
     values = group_values(recordings, trial.groups, trial.ks)
     aside, rows = set_aside(recordings, values), []
@@ -531,7 +531,7 @@ def _draw(
             raise InputError(
                 f"recordings '{recordings.source}': of value {value} only {len(of_class)} recording(s) of "
                 f"class {name} show a touch, and "
-                f"{most} are to be enrolled; use a smaller k, or another front end (--config)"
+                f"{most} are to be enrolled; use a smaller k, or another front end (`config`)"
             )
         drawn.append(generator.permutation(of_class)[:most])
     return drawn

@@ -31,7 +31,7 @@ def save_taught(model: IntegerModel, path: str | Path) -> None:
 
 
 def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
-    """``model`` with the taught touches that `save_taught` wrote to ``path`` instead of its own.
+    """``model`` with the taught touches that `save_taught` wrote to ``path`` instead of the model's.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
     try:
         arrays = read_arrays(path)
     except (ArchiveError, OSError) as error:
-        raise InputError(f"{path}: {error}; name a file of 'eskin replay --save-taught'") from None
+        raise InputError(f"{path}: {error}; name a file of 'eskin replay `save_taught`'") from None
     if str(arrays.get("model")) != _untaught(model) or not arrays.keys() >= set(TAUGHT):
         raise InputError(
             f"{path}: holds no touches taught to this model; name another file, or delete it to start again"

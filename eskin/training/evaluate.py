@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from eskin.data.fit import check_fit
-from eskin.golden.core import Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
@@ -18,8 +17,8 @@ from eskin.golden.model import (
     run_images,
 )
 from eskin.golden.model.image_network import image_seconds
-from eskin.training.stage_error import layer_errors, logit_error, stage_errors
-from eskin.training.times import decision_times, step_rows, step_times
+from eskin.training.stage_error import LogitError, StageError, layer_errors, logit_error, stage_errors
+from eskin.training.times import Accuracies, StepAccuracies, decision_times, step_rows, step_times
 
 MAX_LOSS = 0.01
 """Accuracy that the integer model may lose against the float one."""
@@ -30,28 +29,56 @@ MIN_AGREEMENT = 0.98
 LOOKED_AT = 200
 """Images, spread evenly over the classes, on which errors are taken layer by layer."""
 
-OF_LABELS = ("float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance")
+OF_LABELS = {"float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance"}
 """Figures that mean nothing where labels are random."""
 
 
-def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
+class ClassAccuracies(Accuracies):
+    """Of the recordings of a class."""
+
+    recordings: int
+
+
+class Evaluation(Accuracies):
+    """evaluate.json.
+
+    agreement: share of recordings with the same global decision, none included. chance: share of the most
+    frequent class, which is the accuracy of always naming it. not_touched: recordings without an onset. partial:
+    first touches that their recording cut short. confusion: integer model, rows are true classes, columns decided
+    ones, the last column none. decision: the configuration's rule. decision_time_s: integer model, mean over the
+    decided recordings, from the onset to the end of the window decided on; None: none decided. steps: completed ones;
+    local_agreement: share of them with the same class, None of images. passed: at most MAX_LOSS under float, agreement at least MIN_AGREEMENT.
+    """
+
+    recordings: int
+    agreement: float
+    chance: float
+    per_step: list[StepAccuracies]
+    per_class: dict[str, ClassAccuracies]
+    not_touched: int
+    partial: int
+    confusion: list[list[int]]
+    class_names: list[str]
+    decision: str
+    decision_time_s: float | None
+    model: str
+    source: str
+    steps: int
+    local_agreement: float | None
+    logit_error: LogitError
+    stages: list[StageError]
+    passed: bool
+
+
+class HeldBack(Evaluation):
+    """Of recordings held back: ``test`` of run.json."""
+
+    seen_in_training: int
+
+
+def evaluate(model_dir: str | Path, recordings: Recordings) -> Evaluation:
     """Run both models of a folder over recordings and compare; a recording without a decision counts as
     wrong.
-
-    Returns
-    -------
-    recordings, float_accuracy, integer_accuracy, agreement (share of recordings with the same global
-    decision, none included), per_step (list of {step, time_s, float_accuracy, integer_accuracy}; time from
-    the onset to the end of the step's window, median over touches), per_class (class name -> {recordings,
-    float_accuracy, integer_accuracy}), not_touched (recordings without an onset), partial (first touches that
-    their recording cut short), confusion (integer model: rows = true class, columns = decided, last column =
-    none), class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the
-    decided recordings, from the onset to the end of the window decided on; None: none decided), chance (share
-    of the most frequent class, which is the accuracy of always naming it), logit_error ({mean, max, stage}:
-    distance of integer logits from float ones over all completed steps, and the stage that alone causes the
-    largest; None without a step), stages (a record for each stage: ``eskin.training.stage_error.FIGURES``),
-    model, source, steps (completed ones), local_agreement (share of steps with the same class; None of
-    images), passed (result of ``passes``).
 
     Raises
     ------
@@ -74,69 +101,48 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
         done = trace.local >= 0
         agreement = float(np.mean((trace.local == ideal.local)[done])) if done.any() else None
         stages, steps = stage_errors(real, integer, touches), int(done.sum())
-    result = compare(ideal, trace, recordings.labels)
-    return result | {
-        "model": str(model_dir),
-        "source": str(recordings.source),
-        "steps": steps,
-        "local_agreement": agreement,
-        "logit_error": logit_error(stages),
-        "stages": stages,
-        "passed": passes(result),
-    }
-
-
-def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
-    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace
-    (`eskin.golden.model.pipeline.Trace`, or `eskin.golden.model.image_network.ImageTrace`) of the same
-    recordings and their labels."""
-    config, labels = trace.config, np.asarray(labels)
+    config, labels = integer.config, recordings.labels
     confusion = np.zeros((config.classes, config.classes + 1), dtype=np.int64)
     np.add.at(confusion, (labels, trace.decision), 1)  # -1, no decision, is the last column
     per_class = {}
     for index, name in enumerate(config.network.class_names):
         members = labels == index
         if members.any():
-            shares = {
-                "float_accuracy": ideal.decision[members] == index,
-                "integer_accuracy": trace.decision[members] == index,
-            }
-            per_class[name] = {"recordings": int(members.sum())} | {
-                key: float(np.mean(right)) for key, right in shares.items()
-            }
+            real_share, share = (np.mean(played.decision[members] == index) for played in (ideal, trace))
+            per_class[name] = ClassAccuracies(
+                recordings=members.sum(), float_accuracy=real_share, integer_accuracy=share
+            )
     decision_time_s: float | None = image_seconds(config) if config.is_image else None
     if config.is_image:  # an image is one step, touched, and decided when its rows are in
-        steps = [(image_seconds(config), ideal.accuracy(labels), trace.accuracy(labels))]
+        per_step = [(image_seconds(config), ideal.accuracy(labels), trace.accuracy(labels))]
         not_touched, partial = 0, 0
     else:
-        times = step_times(config, trace.touches)
-        of_steps = (np.mean(run.first_local() == labels[:, None], axis=0) for run in (ideal, trace))
-        steps = list(zip(times, *of_steps, strict=True))
+        of_steps = (np.mean(played.first_local() == labels[:, None], axis=0) for played in (ideal, trace))
+        per_step = list(zip(step_times(config, trace.touches), *of_steps, strict=True))
         not_touched = int(trace.not_touched.sum())
         partial = int(trace.partial[trace.first[trace.first >= 0]].sum())
         if (trace.decision >= 0).any():
             decision_time_s = float(np.nanmean(decision_times(trace)))
-    return {
-        "recordings": len(labels),
-        "float_accuracy": ideal.accuracy(labels),
-        "integer_accuracy": trace.accuracy(labels),
-        "agreement": trace.agreement(ideal),
-        "chance": float(np.bincount(labels).max() / len(labels)),
-        "per_step": step_rows(steps),
-        "per_class": per_class,
-        "not_touched": not_touched,
-        "partial": partial,
-        "confusion": confusion.tolist(),
-        "class_names": list(config.network.class_names),
-        "decision": config.network.decision,
-        "decision_time_s": decision_time_s,
-    }
-
-
-def passes(result: Record) -> bool:
-    """True when the integer model is at most MAX_LOSS under the float one and agrees on at least
-    MIN_AGREEMENT."""
-    return (
-        result["integer_accuracy"] >= result["float_accuracy"] - MAX_LOSS
-        and result["agreement"] >= MIN_AGREEMENT
+    share, real_share, alike = trace.accuracy(labels), ideal.accuracy(labels), trace.agreement(ideal)
+    return Evaluation(
+        recordings=len(labels),
+        float_accuracy=real_share,
+        integer_accuracy=share,
+        agreement=alike,
+        chance=np.bincount(labels).max() / len(labels),
+        per_step=step_rows(per_step),
+        per_class=per_class,
+        not_touched=not_touched,
+        partial=partial,
+        confusion=confusion.tolist(),
+        class_names=list(config.network.class_names),
+        decision=config.network.decision,
+        decision_time_s=decision_time_s,
+        model=str(model_dir),
+        source=str(recordings.source),
+        steps=steps,
+        local_agreement=agreement,
+        logit_error=logit_error(stages),
+        stages=stages,
+        passed=share >= real_share - MAX_LOSS and alike >= MIN_AGREEMENT,
     )

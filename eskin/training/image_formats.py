@@ -22,7 +22,7 @@ def check_weight_bits(bits: int) -> None:
     """Refuse weight widths that the hardware does not have."""
     if bits not in (4, 8):
         raise InputError(
-            f"--weight-bits {bits}: networks for images have weights of 4 or 8 bits; give one of these"
+            f"`weight_bits` {bits}: networks for images have weights of 4 or 8 bits; give one of these"
         )
 
 

@@ -22,13 +22,13 @@ from eskin.golden.model import check_model_target, images_of
 from eskin.golden.model.image_network import image_seconds
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.requests import TrainRequest
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
 from eskin.training.judge import Decided, Rows, folds_of, judge, named
 from eskin.training.level import is_level
 from eskin.training.splits import split_folds
 from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge_fold, train_network
+from eskin.training.wanted import Wanted
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -67,7 +67,7 @@ def chosen_config(
         return image_config(recordings, cell)
     if cell not in (None, AUTO):
         raise InputError(
-            f"--cell {cell}: reads recordings, and {recordings.source} holds images; use "
+            f"`cell` {cell}: reads recordings, and {recordings.source} holds images; use "
             f"{', '.join(NETWORKS)} or auto"
         )
     if requested is None or cell == AUTO:
@@ -80,7 +80,7 @@ def chosen_config(
 def train_image_model(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    request: TrainRequest,
+    wanted: Wanted,
     *,
     recipe: ImageRecipe | None = None,
     keep: Memo | None = None,
@@ -94,7 +94,7 @@ def train_image_model(
     ----------
     requested:
         The requested configuration; None, and no cell of NETWORKS in the request: the network is chosen.
-    request:
+    wanted:
         Its ``seeds``, 1 by default, are networks of each fold.
     keep:
         Folder in which trained and judged networks are cached; None: no cache.
@@ -109,19 +109,19 @@ def train_image_model(
         Images and configuration do not fit each other, or a request that networks for images cannot meet; raised
         before any long work.
     """
-    begin, folds, seed, seeds = time.perf_counter(), request.folds, request.seed, request.seeds or 1
-    check_model_target(request.out)
+    begin, folds, seed, seeds = time.perf_counter(), wanted.folds, wanted.seed, wanted.seeds or 1
+    check_model_target(wanted.out)
     usual = {"hidden": None, "reset": None, "protocol": "default", "fits": None, "prefer": "energy"}
     for name, value in usual.items():
-        if getattr(request, name) != value:
+        if getattr(wanted, name) != value:
             raise InputError(
-                f"--{name}: networks for images have none, and '{recordings.source}' holds images; leave it out"
+                f"`{name}`: networks for images have none, and '{recordings.source}' holds images; leave it out"
             )
     recipe = recipe or ImageRecipe()
-    config = chosen_config(recordings, requested, request.cell)
+    config = chosen_config(recordings, requested, wanted.cell)
     if config is None and not folds:
         raise InputError(
-            f"--cell auto: needs cross-validation; leave --folds 0 out or name one of {', '.join(NETWORKS)}"
+            f"`cell` auto: needs cross-validation; leave `folds` 0 out or name one of {', '.join(NETWORKS)}"
         )
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
@@ -129,7 +129,7 @@ def train_image_model(
     rows: list[Record] = []
     records: list[Record] = []
     if folds:
-        jobs, groups = Jobs(workers=workers, progress=progress), list(request.groups or [])
+        jobs, groups = Jobs(workers=workers, progress=progress), list(wanted.groups or [])
         everything = np.arange(len(recordings))
         every = [  # every seed deals its own folds
             fold
@@ -173,7 +173,7 @@ def train_image_model(
     if len(candidates) > 1:
         record["candidates"] = rows
     record = json.loads(json.dumps(record))
-    model.save(request.out, record)
+    model.save(wanted.out, record)
     return record
 
 

@@ -41,7 +41,7 @@ from eskin.training.trained import Trained, load_trained
 
 def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> dict[str, Range]:
     """The ranges that the training record notes."""
-    fix = "give the recordings it was trained on (--data)"
+    fix = "give the recordings it was trained on (`data`)"
     entries = record.get("ranges", [])
     if not entries:
         raise InputError(f"model '{model_dir}': has no ranges from its training; {fix}")
@@ -98,7 +98,7 @@ def quantise(
         raise InputError("quantise, aware: needs the recordings of the training; give recordings")
     if load_config(model_dir).is_image:
         if aware:
-            raise InputError("--quantisation-aware: is for networks that read recordings; leave it out")
+            raise InputError("`quantisation_aware`: is for networks that read recordings; leave it out")
         return _quantise_images(model_dir, recordings, **widths)
     trained = load_trained(model_dir, ranges=recordings is None)
     model, record = trained.model, trained.record
@@ -107,7 +107,7 @@ def quantise(
     if prototypes and aware:
         raise InputError(
             f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; quantise "
-            "it with --readout dense first"
+            "it with `readout` dense first"
         )
     if prototypes:
         options = _of_prototypes(trained, asked, recordings)
@@ -169,7 +169,7 @@ def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | Non
     if recordings is None:
         raise InputError(
             f"model '{trained.folder}', field readout: is 'prototypes', which are made of the recordings of the "
-            "training; give them (--data), or --readout dense"
+            "training; give them (`data`), or `readout` dense"
         )
     if config.has_prototypes:
         return {name: config.value(name) for name in KEPT_OF_READOUT} | asked
@@ -202,7 +202,7 @@ def _quantise_images(
     for name, value in other.items():
         if value:
             raise InputError(
-                f"{name}: networks for images have no such width; leave it out, or give --weight-bits 4"
+                f"{name}: networks for images have no such width; leave it out, or give `weight_bits` 4"
             )
     bits = weight_bits or 8
     check_weight_bits(bits)
@@ -240,6 +240,6 @@ def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> 
     if not noted or not all(np.isfinite(value) and value >= 0 for value in noted.values()):
         raise InputError(
             f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was "
-            "trained on (--data)"
+            "trained on (`data`)"
         )
     return noted

@@ -272,7 +272,7 @@ class Decisions:
             "integer_spread": float(self.accuracy(["fold", "seed"])["integer_accuracy"].std(ddof=0)),
             **over_groups(recordings, groups, tests, self.correct.to_numpy()),
             "integer_by_seed": by_seed[self.seeds].tolist(),
-            "per_step": step_rows(zip(times, *steps, strict=True)),
+            "per_step": [row.plain() for row in step_rows(zip(times, *steps, strict=True))],
             "per_fold": per_fold,
             "decision_time_s": float(np.asarray(times)[decided].mean()) if len(decided) else None,
             "confusion": confusion.tolist(),

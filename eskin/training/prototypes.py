@@ -1,5 +1,5 @@
 """Prototypes of the readout: made from the training recordings, and taught from a few touches
-(docs/specification.md, section 18)."""
+(docs/specification_interfaces.md, section 18)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -47,7 +47,7 @@ def training_groups(recordings: Recordings, record: Record, groups: Sequence[str
     for name in chosen[0]:
         if name not in recordings.groups:
             names = ", ".join(recordings.groups) or "none"
-            raise InputError(f"--group: recordings '{recordings.source}' have no {name}; they have {names}")
+            raise InputError(f"`group`: recordings '{recordings.source}' have no {name}; they have {names}")
     return chosen[0]
 
 
@@ -166,7 +166,7 @@ def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, s
         name = names[int(labels.max())]
         raise InputError(
             f"{source}: show class {name}, and the last {len(names) - trained} classes are spare; leave its "
-            "recordings out, or give a smaller --spare-classes"
+            "recordings out, or give a smaller `spare_classes`"
         )
 
 

@@ -81,7 +81,7 @@ def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> No
         if why and name != "label":
             why = f"array {name} {why.rstrip(',')}: leaving out one of its values would prove nothing"
             raise InputError(
-                f"recordings '{recordings.source}', {why}; choose another --group, or leave it out"
+                f"recordings '{recordings.source}', {why}; choose another `group`, or leave it out"
             )
     split_folds(recordings, groups, folds, None)
 

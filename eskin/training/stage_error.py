@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, QFormat, Record
+from eskin.golden.core import AcceleratorConfig, QFormat, Result
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.model import float_images, layer_formats, run_images
 from eskin.golden.model.cells import Fixed, Float, run_cell
@@ -29,19 +29,35 @@ STAGES = {
 """Stages in the order of the chain, and the errors that each of them adds to a value."""
 
 
-FIGURES = ("mean", "max", "saturated", "used", "logit_mean", "logit_max")
-"""Figures for one stage of an integer model compared with the same stage of the float one, over completed
-steps of touches, or over images.
+class StageError(Result):
+    """Figures for one stage of an integer model compared with the same stage of the float one, over completed
+    steps of touches, or over images.
 
-mean, max: absolute difference, real values (all stages before it included). saturated: share of values at an
-end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest absolute
-code over the format's largest. logit_mean, logit_max: the logit error that this stage alone causes, with
-every other stage in float.
-"""
+    mean, max: absolute difference, real values (all stages before it included). saturated: share of values at an
+    end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest absolute
+    code over the format's largest. logit_mean, logit_max: the logit error that this stage alone causes, with
+    every other stage in float.
+    """
+
+    stage: str
+    mean: float
+    max: float
+    saturated: float
+    used: float
+    logit_mean: float
+    logit_max: float
 
 
-def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[Record]:
-    """An integer model beside its float one: stage and FIGURES of every stage of STAGES that its cell has, on all
+class LogitError(Result):
+    """Distance of integer logits from float ones, and the stage that alone causes the largest; None without a step."""
+
+    mean: float | None = None
+    max: float | None = None
+    stage: str | None = None
+
+
+def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[StageError]:
+    """An integer model beside its float one: the figures of every stage of STAGES that its cell has, on all
     completed steps of ``touches``; empty without one. A linear cell has neither gates nor states.
 
     Parameters
@@ -98,8 +114,8 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     return errors
 
 
-def layer_errors(real: FloatModel, integer: IntegerModel, images: np.ndarray) -> list[Record]:
-    """The same for networks for images: stage and FIGURES of each layer with weights."""
+def layer_errors(real: FloatModel, integer: IntegerModel, images: np.ndarray) -> list[StageError]:
+    """The same for networks for images: the figures of each layer with weights."""
     config, layers = integer.config, layer_formats(integer.config)
     ideal, trace = float_images(real, images), run_images(integer, images)
     maps = [(ideal.maps[stage.number], trace.maps[stage.number]) for stage, *_ in layers[:-1]]
@@ -126,19 +142,25 @@ def layer_errors(real: FloatModel, integer: IntegerModel, images: np.ndarray) ->
     return errors
 
 
-def _figures(stage: str, error: np.ndarray, at_ends: float, used: float, alone: np.ndarray) -> Record:
+def _figures(stage: str, error: np.ndarray, at_ends: float, used: float, alone: np.ndarray) -> StageError:
     """The record of a stage: absolute errors of its values, and of the logits by it alone."""
-    figures = (error.mean(), error.max(), at_ends, used, alone.mean(), alone.max())
-    return {"stage": stage, **dict(zip(FIGURES, map(float, figures), strict=True))}
+    return StageError(
+        stage=stage,
+        mean=error.mean(),
+        max=error.max(),
+        saturated=at_ends,
+        used=used,
+        logit_mean=alone.mean(),
+        logit_max=alone.max(),
+    )
 
 
-def logit_error(stages: Sequence[Record]) -> Record:
-    """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the
-    largest; None without steps."""
+def logit_error(stages: Sequence[StageError]) -> LogitError:
+    """The logits' error of ``stage_errors``."""
     if not stages:
-        return {"mean": None, "max": None, "stage": None}
-    most = max(stages, key=lambda row: row["logit_max"])
-    return {"mean": stages[-1]["mean"], "max": stages[-1]["max"], "stage": most["stage"]}
+        return LogitError(mean=None, max=None, stage=None)
+    most = max(stages, key=lambda row: row.logit_max)
+    return LogitError(mean=stages[-1].mean, max=stages[-1].max, stage=most.stage)
 
 
 def _at_ends(codes: np.ndarray, fmt: QFormat) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import AcceleratorConfig, Result
 from eskin.golden.model import Touches, Trace
 
 
@@ -24,10 +24,23 @@ def decision_times(trace: Trace) -> np.ndarray:
     return np.append(seconds, np.nan)[first]  # -1, no touch, is the last
 
 
-def step_rows(steps: Iterable[tuple[float, float, float]]) -> list[Record]:
+class Accuracies(Result):
+    """Shares of recordings that the two models classify correctly."""
+
+    float_accuracy: float
+    integer_accuracy: float
+
+
+class StepAccuracies(Accuracies):
+    """Of the local decision of a step, ``time_s`` from the onset to the end of its window (median over touches)."""
+
+    step: int
+    time_s: float
+
+
+def step_rows(steps: Iterable[tuple[float, float, float]]) -> list[StepAccuracies]:
     """``per_step`` of a result, of (time, float accuracy, integer accuracy) of each step."""
-    names = ("time_s", "float_accuracy", "integer_accuracy")
     return [
-        {"step": k, **dict(zip(names, map(float, figures), strict=True))}
-        for k, figures in enumerate(steps, 1)
+        StepAccuracies(step=k, time_s=time_s, float_accuracy=real, integer_accuracy=integer)
+        for k, (time_s, real, integer) in enumerate(steps, 1)
     ]

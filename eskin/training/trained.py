@@ -79,12 +79,12 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
         (
             of_ranges if ranges else (),
             written,
-            "in training, and so are the noted ranges; give recordings (--data)",
+            "in training, and so are the noted ranges; give recordings (`data`)",
         ),
         (
             CHOSEN,
             written,
-            "as quantise chose it; put that back, and give --weight-bits, --state-bits or --formats",
+            "as quantise chose it; put that back, and give `weight_bits`, `state_bits` or `formats`",
         ),
     ):
         for field in fields:

@@ -289,7 +289,7 @@ def watch(
     tally, hardware = player.tally, source.kind in ("simulation", "board")
     return vars(tally) | {
         "compared_values": tally.compared,
-        "mismatch_list": tally.said,
+        "mismatch_list": tally.sentences,
         "decisions": player.decisions,
         "passed": tally.mismatches == 0 and (tally.compared > 0 or not hardware),
     }

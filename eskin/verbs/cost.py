@@ -8,6 +8,8 @@ design has (`parts_of`). These constants are fitted to counted netlists by ``pyt
 which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
 """
 
+import dataclasses
+from collections.abc import Hashable
 from functools import lru_cache, partial
 
 from eskin.choose.cost import PREFERENCES, Cost, CostModel, Prefer
@@ -17,7 +19,7 @@ from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.image.image_engine import LANES as IMAGE_LANES
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
-from eskin.study.energy import estimate, scheduled_activity
+from eskin.study.energy import Estimate, estimate, scheduled_activity
 from eskin.verbs.build_job import suited
 
 CODE = ("rtl", "verbs/cost.py", "verbs/build_job.py", "cosim/latency.py")
@@ -43,6 +45,8 @@ FEW_TAXELS = 4
 """Taxels up to which synthesis keeps their state in flip-flops, not in a memory."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """Cells and block memories of the host's link."""
+COUNTED: dict[Hashable, int] = {}
+"""Block memories by board and `sizes`: a search judges many networks that differ in precision alone."""
 
 
 @lru_cache(maxsize=4096)
@@ -52,11 +56,11 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
     config = on_board(config, target)
     energy = estimated(config, target.device)
     return Cost(
-        energy_touch_j=energy["per_touch_j"] + energy["preprocessing_per_touch_j"],
+        energy_touch_j=energy.per_touch_j + energy.preprocessing_per_touch_j,
         cells=cells_of(config),
         latency_s=decision_cycles(config) / target.clock_hz,
         touch_s=config.touch_s,
-        average_w=energy["choices"][0]["average_w"] + ((energy["interface"] or {}).get("scanning_w") or 0.0),
+        average_w=energy.choices[0].average_w + ((energy.interface and energy.interface.scanning_w) or 0.0),
     )
 
 
@@ -68,7 +72,7 @@ def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
     return fitted.with_lanes(room.multipliers - 1)
 
 
-def estimated(config: AcceleratorConfig, part: str) -> Record:
+def estimated(config: AcceleratorConfig, part: str) -> Estimate:
     """`eskin.study.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
     lanes = config.hardware.lanes
     activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), lanes)
@@ -112,11 +116,28 @@ def by_lanes(config: AcceleratorConfig) -> list[Record]:
     return rows
 
 
+def sizes(config: AcceleratorConfig) -> Hashable:
+    """Everything in a configuration that its memories depend on: of the formats only widths, and of a recurrent cell those
+    that fill its table."""
+    if config.is_image:
+        return config
+    formats = config.formats
+    table = (formats.state_format, formats.gate_frac, formats.table_entries) if config.recurrent else ()
+    widths = config.operand_bits, config.weight_bits, config.accumulator_bits, config.score_format.width
+    features = dataclasses.replace(config.features, feature_shift=(), aligned_means=False)
+    parts = config.sensor, config.rest_level, config.onset_rule, config.faults, config.windows, config.network
+    return *parts, features, config.mean_words, config.readout_rule, config.hardware, widths, table
+
+
 @lru_cache(maxsize=1024)
 def blocks_of(config: AcceleratorConfig, board: str = BOARD) -> int:
-    """Block memories, onset to decision."""
+    """Block memories, onset to decision; counted once for designs of the same `sizes`."""
     target: Target = find_target(board)
-    return block_memories(on_board(config, target), target.family.name, target.family.blocks)
+    config = on_board(config, target)
+    key = board, sizes(config)
+    if key not in COUNTED:
+        COUNTED[key] = block_memories(config, target.family.name, target.family.blocks)
+    return COUNTED[key]
 
 
 def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:

@@ -14,7 +14,9 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
-from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
+from eskin.cosim.results import Played
+from eskin.cosim.simulation import Simulation
+from eskin.golden.core import AcceleratorConfig, InputError, Progress, Result, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.requests import EnergyRequest, parse_lanes
@@ -24,14 +26,33 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study import energy
+from eskin.study.energy import Estimate
 from eskin.study.touch_ends import with_touches
-from eskin.verbs.flow import BUILD, expected_of, netlist_of
+from eskin.verbs.flow import expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
 """Default comparison: board, lanes, lane type."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
 RESULT = "energy.json"
+
+
+class Configuration(Estimate):
+    """A board with a number of lanes of a type; its cells by type."""
+
+    name: str
+    target: str
+    lanes: int
+    lane_type: str
+    cells: dict[str, int]
+    bit_exact: bool
+
+
+class Energies(Result):
+    """energy.json. passed: all are bit-exact."""
+
+    configurations: list[Configuration]
+    passed: bool
 
 
 def parse_configuration(text: str) -> tuple[str, int, str]:
@@ -51,9 +72,8 @@ def measure(
     lane_type: str,
     *,
     work: Path,
-) -> Record:
-    """Activity and estimate of one configuration: the keys of eskin.study.energy.estimate, and
-    target, lanes, lane_type, cells, bit_exact.
+) -> Configuration:
+    """Activity and estimate of one configuration.
 
     Parameters
     ----------
@@ -64,58 +84,53 @@ def measure(
     """
     requested = model.config.with_lanes(lanes, lane_type)
     config = requested.replace(converter="none")  # frames as recorded: the chain alone is counted
-    design, builds = generate(config, model.arrays, work / "design"), BUILD / "simulators"
+    design = generate(config, model.arrays, work / "design")
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
     first = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
-    lowest = flow.lowest_clock(design, first, work=work / "clock", builds=builds)
+    lowest = flow.lowest_clock(design, first, Simulation(), work=work / "clock")
     hardware, cells = netlist_of(config, model.arrays, target, probes=False)
     (work / "counted.v").write_text(instrument(hardware.sources[0].read_text(), block_of))
     sources = work / "counted.v", *hardware.sources[1:]
-    options: Record = {"hardware": dataclasses.replace(hardware, sources=sources), "builds": builds}
-    full = flow.cosim(design, vectors, work=work / "full", **options)
-    options["clock_hz"] = slower_cycles(config, full) * config.sensor.scan_rate_hz
-    slow = flow.cosim(design, vectors, work=work / "slow", pace="declared", **options)
+    how = Simulation(hardware=dataclasses.replace(hardware, sources=sources))
+    full = flow.cosim(design, vectors, how, work=work / "full")
+    clock_hz = slower_cycles(config, full) * config.sensor.scan_rate_hz
+    how = dataclasses.replace(how, pace="declared", clock_hz=clock_hz)
+    slow = flow.cosim(design, vectors, how, work=work / "slow")
     activity = energy.counted_activity(
         read_count(work / "full"),
         read_count(work / "slow"),
-        frames=full["frames"],
+        frames=full.frames,
         touch_frames=len(recordings) * config.last_frame,
-        steps=full["steps"],
+        steps=full.steps,
         recordings=len(recordings),
         quiet_frame_cycles=mean_frame_cycles(config)[1],
-        step_cycles=full["registers"]["LONGEST"] + logit_to_decision(config) - 1,
+        step_cycles=(full.registers["LONGEST"] or 0) + logit_to_decision(config) - 1,
     )
-    described = {
-        "name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
-        "target": target,
-        "lanes": lanes,
-        "lane_type": lane_type,
-        "cells": dict(cells),
-        "bit_exact": all(result["bit_exact"] for result in (lowest, full, slow)),
-    }
-    return described | energy.estimate(requested, find_target(target).device, activity, lowest["clock_hz"])
+    return Configuration(
+        name=f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
+        target=target,
+        lanes=lanes,
+        lane_type=lane_type,
+        cells=cells,
+        bit_exact=all(result.bit_exact for result in (lowest, full, slow)),
+        **dict(energy.estimate(requested, find_target(target).device, activity, lowest.clock_hz)),
+    )
 
 
-def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
+def slower_cycles(config: AcceleratorConfig, full: Played) -> int:
     """Cycles a frame of the slower run, given the result of the one at full pace: a frame and a step follow each
     other.
 
     Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely.
     """
-    held = math.ceil(SLOWER_LEAST * full["simulated_cycles"] / full["frames"])
+    held = math.ceil(SLOWER_LEAST * full.simulated_cycles / full.frames)
     return max(SLOW_FACTOR * config.sensor.taxels, held, frame_cycles(config) + step_cycles(config))
 
 
 def job(
     request: EnergyRequest, model: IntegerModel, recordings: Recordings, work: Path, notify: Progress
-) -> Record:
-    """Measure every configuration (`parse_configuration`; by default CONFIGURATIONS) and write energy.json.
-
-    Returns
-    -------
-    dict
-        configurations (of `measure`), passed (all bit-exact).
-    """
+) -> Energies:
+    """Measure every configuration (`parse_configuration`; by default CONFIGURATIONS) and write energy.json."""
     boards = [*map(parse_configuration, request.configuration or CONFIGURATIONS)]
     for target, lanes, kind in boards:  # one that cannot be is refused before any long work
         model.config.with_lanes(lanes, kind)
@@ -130,6 +145,6 @@ def job(
         rows.append(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
-    result = {"configurations": rows, "passed": all(row["bit_exact"] for row in rows)}
+    result = Energies(configurations=rows, passed=all(row.bit_exact for row in rows))
     write_json(request.out / RESULT, result)
     return result

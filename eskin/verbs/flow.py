@@ -4,7 +4,7 @@ they are only called."""
 import contextlib
 import dataclasses
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
+from eskin.cosim.results import Placed, Played, joined
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
@@ -41,23 +43,19 @@ BUILD = Path("build")
 def cosimulate(
     model: IntegerModel,
     recordings: Recordings,
+    how: Simulation,
     *,
     work: Path,
     numbers: Sequence[int] | None = None,
     design: Path | None = None,
-    level: str = "rtl",
-    target: str | None = None,
-    converter: str | None = None,
-    chip: Record | None = None,
-    play: Callable[..., Record] | None = None,
+    play: Callable[..., Played] | None = None,
     progress: Progress = lambda what, done, total: None,
-    **options: Any,
-) -> Record:
+) -> Played:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
 
     At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage
     compared, and once as it is placed, without them, at full pace (cosim/netlist.py); that run is the
-    result's ``without_probes`` {compared_values, mismatches, bit_exact, cells} and must be exact too.
+    result's ``without_probes`` and must be exact too.
 
     Parameters
     ----------
@@ -68,18 +66,8 @@ def cosimulate(
     design:
         Folder for the design where several runs of the same one share it: the first of them writes it.
         Default: one in ``work``.
-    level, target:
-        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
-    converter:
-        Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
-        recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
-        come at the declared rate, by the design's own sample clock.
-    chip:
-        With target ``asic``: pdk, liberty (paths), rom. Registers, latches and memories begin at random.
     play:
         In place of eskin.cosim.flow.cosim.
-    options:
-        Of that.
 
     Raises
     ------
@@ -87,41 +75,40 @@ def cosimulate(
         A converter together with a netlist or with stalls; a netlist without a target, a target without a
         netlist, an unknown one.
     """
-    _check_target(level, target, chip)
-    config = with_converter(model.config, converter, options.get("clock_hz"))
+    chip, config = how.chip, with_converter(model.config, how.converter, how.clock_hz)
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
-        if level != "rtl" or options.get("stalls"):
+        if how.level != "rtl" or how.stalls:
             raise InputError(
-                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
+                f"`converter`: is {config.interface.converter}, which goes with the design's own Verilog "
                 "and clock; "
-                "leave out --level and --stalls, or give --converter none"
+                "leave out `level` and `stalls`, or give `converter` none"
             )
         model = dataclasses.replace(model, config=config)
         recordings, codes = through_converter(recordings, config)
-        options["pace"] = "declared"
-    placed = None
-    if chip is not None:
-        config = asic_job.chip_config(config, None, chip["rom"])
-        options["hardware"], placed = _chip_parts(config, model.arrays, chip)
-    elif target is not None:
-        options["hardware"] = netlist_of(config, model.arrays, target)[0]
-        placed = netlist_of(config, model.arrays, target, probes=False)
+        how = dataclasses.replace(how, pace="declared")
+    hardware, placed = None, None
+    if chip:
+        config = asic_job.chip_config(config, None, how.rom)
+        hardware, placed = _chip_parts(config, model.arrays, how)
+    elif how.target is not None:
+        hardware, _ = netlist_of(config, model.arrays, how.target)
+        placed = netlist_of(config, model.arrays, how.target, probes=False)
+    how = dataclasses.replace(how, hardware=hardware) if placed else how
     design = design or work / "design"
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
     progress(f"computing what is expected of {len(recordings)} in torch", 0, 0)
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
-    options = {"builds": BUILD / "simulators", "progress": progress, **options}
-    result = (play or flow.cosim)(design, vectors, work=work / "run", **options)
+    result = (play or flow.cosim)(design, vectors, how, work=work / "run", progress=progress)
     if placed:
-        options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
-        second = flow.cosim(design, vectors, work=work / "placed", **options)
-        names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
-        result["without_probes"] = {name: second[name] for name in names} | {"cells": placed[1]}
-        result["passed"] = result["passed"] and second["bit_exact"]
+        hardware, cells = placed
+        how = dataclasses.replace(how, hardware=hardware, pace="full", stalls=False, probe=False)
+        second = flow.cosim(design, vectors, how, work=work / "placed", progress=progress)
+        result.without_probes = Placed(**second.model_dump(include={*Placed.model_fields}), cells=cells)
+        result.passed &= second.bit_exact
     return result
 
 
@@ -134,30 +121,13 @@ def work_folder() -> Iterator[Path]:
         yield Path(work)
 
 
-def _check_target(level: str, target: str | None, chip: Record | None) -> None:
-    """Refuse a target and a level that do not go together."""
-    if (level == "rtl") != (target is None):
-        raise InputError(
-            f"--level {level}: needs a board; add --target, such as --target icebreaker"
-            if target is None
-            else f"--target {target}: is for netlists; add --level netlist"
-        )
-    whole = chip and target == "asic" and level == "netlist" and chip["pdk"] and chip["liberty"]
-    if (chip or target == "asic") and not whole:
-        raise InputError(
-            "--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or "
-            "none"
-        )
-
-
 def _chip_parts(
-    config: AcceleratorConfig, arrays: Arrays, chip: Record
-) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]]]:
-    """A chip's netlist with probes, and the one that is placed."""
-    libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
-    process = asic_job.process_of(chip["pdk"], libraries["typ"])
+    config: AcceleratorConfig, arrays: Arrays, how: Simulation
+) -> tuple[Hardware, tuple[Hardware, dict[str, int]]]:
+    """A chip's netlist with probes; the one that is placed, and its cells."""
+    process = asic_job.process_of(how.pdk or "", asic_job.libraries_of(how.liberty or ())["typ"])
 
-    def part(probes: bool) -> tuple[Hardware, Mapping[str, int]]:
+    def part(probes: bool) -> tuple[Hardware, dict[str, int]]:
         netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
         return asic_job.hardware_of(netlist, process, probes=probes), dict(netlist.cells)
 
@@ -239,8 +209,8 @@ CODE = partial(code_version, "golden", "rtl", "cosim", "study", "verbs")
 
 Piece = tuple[int, int]
 """First recording of a part, and the one after its last."""
-Shared = tuple[IntegerModel, Recordings, list[int], int, Record, Path]
-"""Model, all recordings, what they are called, how many of them (the first) are played under cocotb, options, the work
+Shared = tuple[IntegerModel, Recordings, list[int], int, Simulation, Path]
+"""Model, all recordings, what they are called, how many of them (the first) are played under cocotb, how, the work
 folder."""
 
 
@@ -253,13 +223,11 @@ def cosimulate_parts(
     model: IntegerModel,
     recordings: Recordings,
     numbers: Sequence[int],
+    how: Simulation,
     *,
     work: Path,
     jobs: Jobs,
-    simulator: str = "verilator",
-    bench: str = "sample",
-    **options: Any,
-) -> Record:
+) -> Played:
     """The result of ``cosimulate`` over all recordings, from parts of ``PART`` recordings.
 
     Parameters
@@ -270,48 +238,44 @@ def cosimulate_parts(
         Folder for the parts' files where workers see it; for the waves of a mismatch always.
     jobs:
         Where the parts are played.
-    bench:
-        ``cocotb``: all recordings are played under cocotb; ``sample``: one of each class, and the others in bulk where
-        that can be (`eskin.cosim.flow.cosim`).
-    options:
-        As for ``cosimulate``, as JSON holds them.
     """
-    options = {**options, "simulator": simulator}
-    chip = options.get("target") == "asic"  # compiled in minutes under cocotb
+    chip = how.target == "asic"  # compiled in minutes under cocotb
     sample = [] if chip else one_of_each(recordings.labels)
-    shown = sample if bench == "sample" else [*range(len(numbers))]
+    shown = sample if how.bench == "sample" else [*range(len(numbers))]
     order = [*shown, *sorted({*range(len(numbers))} - {*shown})]
     recordings, numbers = recordings.subset(order), [int(numbers[place]) for place in order]
-    config = with_converter(model.config, options.get("converter"), options.get("clock_hz"))
-    alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
-    alone = alone or bool(options.get("stalls") or (options.get("target") and not chip))
-    size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
-    content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(options))
+    config = with_converter(model.config, how.converter, how.clock_hz)
+    alone = how.bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
+    alone = alone or bool(how.stalls or (how.target and not chip))
+    size = PART[how.simulator] if alone or how.simulator != "verilator" else IN_BULK
+    content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(how))
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
     keep, folder = Memo(CACHE), work.resolve() / content[:16]
     if work.is_dir():
         folder.mkdir(exist_ok=True)
-    shared = (model, recordings, numbers, len(shown), options, folder)
+    shared = (model, recordings, numbers, len(shown), how, folder)
     results = jobs.results(play, pieces, shared, keep=keep, what=f"parts of up to {size} compiled and played")
-    result = flow.joined(model.config, list(results.values()))
-    differing = next((pieces[key] for key, part in results.items() if part["mismatches"]), None)
+    played = {key: Played.model_validate(part) for key, part in results.items()}
+    result = joined(model.config, [*played.values()])
+    differing = next((pieces[key] for key, part in played.items() if part.mismatches), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
         if jobs.progress:
             jobs.progress("playing what differs once more, with waves", 0, 0)
-        result["waves"] = play(shared, differing, waves=True)["waves"]
+        result.waves = play(shared, differing, waves=True).waves
     keep.forget(pieces)
     return result
 
 
-def contents(options: Record) -> list[Any]:
-    """Options, and the text of the Liberty files that they name."""
-    return [options, *(text_of(Path(path)) for path in (options.get("chip") or {}).get("liberty", ()))]
+def contents(how: Simulation) -> list[Any]:
+    """What a result depends on: the settings, and the text of the Liberty files that they name."""
+    values = [getattr(how, each.name) for each in dataclasses.fields(Simulation)]
+    return [repr(values), *map(text_of, how.liberty or ())]
 
 
-def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Record:
+def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Played:
     """The result of one part; in a worker without waves."""
-    model, recordings, numbers, shown, options, folder = shared
+    model, recordings, numbers, shown, how, folder = shared
     places = range(*piece)
     with contextlib.ExitStack() as stack:
         if not folder.is_dir():  # on another machine
@@ -319,10 +283,8 @@ def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Record:
         return cosimulate(
             model,
             recordings.subset(places),
+            dataclasses.replace(how, cocotb=range(shown - piece[0]), waves=waves),
             numbers=[numbers[i] for i in places],
-            cocotb=range(shown - piece[0]),
             work=folder / f"from{piece[0]}",
             design=folder / "design",
-            waves=waves,
-            **options,
         )

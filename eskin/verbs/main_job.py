@@ -16,7 +16,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import configure
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
+from eskin.cosim.results import Cycles, Played
+from eskin.cosim.simulation import Simulation
 from eskin.data import load_recordings
 from eskin.data.fit import for_model
 from eskin.golden.core import (
@@ -45,13 +47,14 @@ from eskin.golden.model import IntegerModel, load_config, load_training
 from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
-from eskin.requests import ChoiceOptions, RunRequest, TrainRequest
+from eskin.requests import RunRequest, spelled
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
 from eskin.study.stability.panel import panel_of
 from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING, evaluate, integers
+from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs.cost import CODE as COST
@@ -224,7 +227,7 @@ class _Steps:
         shutil.copytree(generated / "rtl", result / "rtl")
         shutil.copy(evaluated / "evaluate.json", result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
-        judged = json.loads((evaluated / "evaluate.json").read_text())
+        judged = Evaluation.model_validate_json((evaluated / "evaluate.json").read_text())
         checks = _checks(judged, tested, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
@@ -235,9 +238,9 @@ class _Steps:
             "candidates": training.get("candidates"),
             "lanes": by_lanes(config),
             "baselines": baselines,
-            "doubts": found,
-            "warnings": doubts.sentences(found),
-            "test": tested,
+            "doubts": [one | {"text": spelled(one["text"])} for one in found],
+            "warnings": [*map(spelled, doubts.sentences(found))],
+            "test": tested and tested.plain(),
             "cosimulated": [int(number) for number in numbers],
             "checks": checks,
             "passed": all(check["held"] for check in checks),
@@ -251,7 +254,7 @@ class _Steps:
             lowest = outcomes["cosim_lowest"]
             nested = training["cross_validation"][0].get("nested") or {}
             record |= {"front_end": training.get("front_end"), **nested.get("disturbed", {})}
-            record["lowest_clock_hz"] = lowest["clock_hz"] if lowest and lowest["passed"] else None
+            record["lowest_clock_hz"] = lowest.clock_hz if lowest and lowest.passed else None
         write_json(result / RESULT_MARK, record)
         return record
 
@@ -261,19 +264,19 @@ class _Steps:
         """The folders of the runs: at full pace, and of recordings at the configured clock and, where hardware and
         model agree so far, at the lowest that meets every budget."""
 
-        def simulate(name: str, numbers: np.ndarray, played: Recordings, **options: Any) -> Path:
-            given = (model, design, numbers, played, options)
+        def simulate(name: str, numbers: np.ndarray, played: Recordings, *given: Any) -> Path:
+            given = (model, design, numbers, played, *given)
             return self.stage(name, ("golden", "rtl", "cosim", "study"), self._simulate, *given)
 
-        full = simulate("co-simulation", numbers, self.recordings.subset(numbers))
+        full = simulate("co-simulation", numbers, self.recordings.subset(numbers), "full")
         if self.config.is_image:
             return {"cosim": full}
         few = self._few(numbers, self.config.hardware.clock_hz)
-        declared, lowest = simulate("pace of the sensor", *few, pace="declared"), None
-        if _outcome(full)["bit_exact"] and _outcome(declared)["bit_exact"]:
-            cycles = _outcome(declared)["cycles"]
-            few = self._few(numbers, latency.needed_clock(self.config, cycles))
-            lowest = simulate("lowest clock", *few, cycles=cycles)
+        declared, lowest = simulate("pace of the sensor", *few, "declared"), None
+        at_pace = _outcome(declared)
+        if at_pace and at_pace.bit_exact and (at_full := _outcome(full)) and at_full.bit_exact:
+            few = self._few(numbers, latency.needed_clock(self.config, at_pace.cycles))
+            lowest = simulate("lowest clock", *few, "declared", at_pace.cycles.plain())
         return {"cosim": full, "cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: Record) -> list[Record]:
@@ -289,13 +292,11 @@ class _Steps:
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
-        shared = {each.name: getattr(self.request, each.name) for each in fields(ChoiceOptions)}
-        request = TrainRequest(**shared, out=folder / "model")
         choice.train_chosen(
             self.recordings,
             self.user_config,
             self.prices,
-            request,
+            replace(self.request, out=folder / "model"),
             plan=self.plan,
             stress=self.panel,
             keep=Memo(KEPT),
@@ -307,7 +308,7 @@ class _Steps:
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
         integers.quantise(folder / "model", self.recordings if prototypes else None)
 
-    def _test(self, quantised: Path) -> Record | None:
+    def _test(self, quantised: Path) -> HeldBack | None:
         """The network on the recordings held back, once."""
         if self.held is None:
             return None
@@ -318,14 +319,14 @@ class _Steps:
             )
             repeated = int(np.isin(held, trained_on).sum())
             judged = evaluate.evaluate(quantised / "model", self.held)
-        return {"source": self.held.source, "seen_in_training": repeated} | judged
+        return HeldBack(**vars(judged), seen_in_training=repeated)
 
     def _doubts(
         self,
         training: Record,
         baselines: list[Record],
-        tested: Record | None,
-        evaluated: Record,
+        tested: HeldBack | None,
+        evaluated: Evaluation,
         model: IntegerModel,
     ) -> list[Record]:
         """The doubts from the training, from the baselines, and from the recordings held back."""
@@ -380,13 +381,22 @@ class _Steps:
         design: Path,
         numbers: np.ndarray,
         played: Recordings,
-        options: Record,
+        pace: str,
+        cycles: Record | None = None,
     ) -> None:
-        options |= {"cocotb": one_of_each(played.labels), "design": design, "work": folder / "work"}
-        options["progress"] = notify
-        options |= {"play": _lowest_clock} if "cycles" in options else {}
         # frames as they were recorded, whatever converter there is
-        outcome = cosimulate(model, played, numbers=numbers.tolist(), converter="none", **options)
+        how = Simulation(pace=pace, converter="none", cocotb=one_of_each(played.labels))
+        play: Any = partial(_lowest_clock, cycles=Cycles(**cycles)) if cycles else flow.cosim
+        outcome = cosimulate(
+            model,
+            played,
+            how,
+            design=design,
+            work=folder / "work",
+            numbers=numbers.tolist(),
+            play=play,
+            progress=notify,
+        )
         write_json(folder / "result.json", outcome)
 
     def _data(self) -> Record:
@@ -409,71 +419,72 @@ class _Steps:
         }
 
 
-def _lowest_clock(*where: Path, **options: Any) -> Record | None:
+def _lowest_clock(*given: Any, **where: Any) -> Played | None:
     """The result of `flow.lowest_clock`. None when there is no such clock: the check fails then, and the job
     goes on."""
     try:
-        return flow.lowest_clock(*where, **options)
+        return flow.lowest_clock(*given, **where)
     except flow.NoClock:
         return None
 
 
-def _outcome(folder: Path) -> Any:
-    """Result that a co-simulation's stage left in its folder."""
-    return json.loads((folder / "result.json").read_text())
+def _outcome(folder: Path | None) -> Played | None:
+    """Result that a co-simulation's stage left in its folder; None: there is none."""
+    text = folder and (folder / "result.json").read_text()
+    return Played.model_validate_json(text) if text and json.loads(text) else None
 
 
-def _take_over(folder: Path | None, result: Path, name: str) -> Record | None:
+def _take_over(folder: Path | None, result: Path, name: str) -> Played | None:
     """Copy a co-simulation's result and waves; the result."""
-    outcome: Record | None = _outcome(folder) if folder else None
-    if folder and outcome:
-        if outcome["waves"]:
+    outcome = _outcome(folder)
+    if outcome:
+        if outcome.waves:
             waves = f"waves_{name}"
-            shutil.copytree(outcome["waves"], result / waves)
-            outcome["waves"] = waves
+            shutil.copytree(outcome.waves, result / waves)
+            outcome.waves = waves
         write_json(result / f"{name}.json", outcome)
     return outcome
 
 
-def _checks(evaluated: Record, tested: Record | None, outcomes: dict[str, Record | None]) -> list[Record]:
+def _checks(
+    evaluated: Evaluation, tested: HeldBack | None, outcomes: dict[str, Played | None]
+) -> list[Record]:
     """Checks behind exit status 0: {name, held, detail} each."""
     checks = []
     for judged, where in ((evaluated, "the training data"), (tested, "the recordings held back")):
         if judged is None:
             continue
-        integer, real = (percent(judged[f"{kind}_accuracy"]) for kind in ("integer", "float"))
+        integer, real = percent(judged.integer_accuracy), percent(judged.float_accuracy)
         loss = f"integer {integer}, float {real} on {where}"
-        agreement = (
-            f"agreement {percent(judged['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
-        )
+        agreement = f"agreement {percent(judged.agreement, 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
         detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point less is allowed; {agreement}"
-        error = judged["logit_error"]
-        if error["max"] is not None:
-            figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
-            detail += f"; logit error {figures}, most from {error['stage']}"
+        error = judged.logit_error
+        if error.max is not None:
+            figures = f"{error.mean:.3f} on average, {error.max:.2f} at most"
+            detail += f"; logit error {figures}, most from {error.stage}"
         name = "integer and float network agree" + ", recordings held back" * (judged is tested)
-        checks.append((name, evaluate.passes(judged), detail))
+        checks.append((name, judged.passed, detail))
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        exact = outcome["bit_exact"] and outcome["decisions"] > 0
+        exact = outcome.bit_exact and outcome.decisions > 0
         sentence = f"{verdict(outcome)}: {compared(outcome)}"
         checks.append((f"hardware equals model at {title}", exact, sentence))
-        rows = [row for row in outcome["budgets"] if not row["reference"]]
-        missed = ", ".join(row["name"] for row in rows if not row["met"])
-        detail = f"{', '.join(row['name'] for row in rows) or 'no step'}; missed: {missed or 'none'}"
-        name = f"latency budgets at {title}, {hertz(outcome['clock_hz'])}"
+        rows = [row for row in outcome.budgets if not row.reference]
+        missed = ", ".join(row.name for row in rows if not row.met)
+        detail = f"{', '.join(row.name for row in rows) or 'no step'}; missed: {missed or 'none'}"
+        name = f"latency budgets at {title}, {hertz(outcome.clock_hz)}"
         checks.append((name, bool(rows) and not missed, detail))
     if "cosim_lowest" in outcomes:
         lowest = outcomes["cosim_lowest"]
-        held = lowest is not None and lowest["passed"]
+        held = lowest is not None and lowest.passed
         detail = "none was found"
-        if not all(outcomes[name]["bit_exact"] for name in ("cosim", "cosim_declared")):  # type: ignore[index]
+        if not all(played and played.bit_exact for played in (outcomes["cosim"], outcomes["cosim_declared"])):
             detail = "skipped, because hardware and model differ"
         elif lowest is not None:
-            detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact' if held else verdict(lowest)}"
+            detail = f"{hertz(lowest.clock_hz)}, {'bit-exact' if held else verdict(lowest)}"
         checks.append(("a lowest clock that meets every budget", held, detail))
     return [{"name": name, "held": held, "detail": detail} for name, held, detail in checks]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.device import FOREVER, Accelerator, Design
+from eskin.cosim.results import Played
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import InputError, Progress, Record, check_target, content_key, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches
@@ -28,7 +30,7 @@ from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study.stability import core as stability
-from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
+from eskin.study.stability.core import GROUPS, Bench, Case, Confirmed, ModeResult, NotRun, Outcome, Stability
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
 from eskin.verbs import flow
@@ -50,16 +52,11 @@ AROUND = range(-9, 3)
 """Cycles around a decision's offer at which it is left, too: `arm` falls before, into and behind it."""
 
 
-def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress | None = None) -> Record:
+def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress | None = None) -> Stability:
     """Run the suite and write stability.json and stability.html.
 
     With ``request.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
     hardware run.
-
-    Returns
-    -------
-    The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest
-    (names), wall_s, passed.
 
     Raises
     ------
@@ -87,52 +84,55 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
     reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in asked}
     ready = [mode for mode, why in reasons.items() if not why]
     hardware = Hardware(bench)
-    records = results(judge_mode, {mode.name: mode.name for mode in ready}, hardware, "modes judged")
+    judged = results(judge_mode, {mode.name: mode.name for mode in ready}, hardware, "modes judged")
+    records = [*map(ModeResult.model_validate, judged)]
     if request.cosim:
         weakest = weakest_cases(records)
-        pieces = {f"rtl {record['name']}": record["name"] for record in weakest}
+        pieces = {f"rtl {record.name}": record.name for record in weakest}
         played = results(confirm, pieces, hardware, "weakest cases co-simulated")
         for record, rtl in zip(weakest, played, strict=True):
-            record["rtl"] = rtl
-    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
-    result = {
-        "model": str(model_dir),
-        "data": str(recordings.source),
-        "recordings": len(recordings),
-        "clean_accuracy": bench.clean_accuracy,
-        "modes": records,
-        "not_run": [
-            {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
-        ],
-        "weakest": [record["name"] for record in stability.weakest(records)],
-        "passed": passed,
-        "wall_s": round(time.perf_counter() - begin, 3),
-    }
+            record.rtl = Confirmed.model_validate(rtl)
+    result = Stability(
+        model=str(model_dir),
+        data=str(recordings.source),
+        recordings=len(recordings),
+        clean_accuracy=bench.clean_accuracy,
+        modes=records,
+        not_run=[NotRun(name=mode.name, group=mode.group, why=why) for mode, why in reasons.items() if why],
+        weakest=[record.name for record in stability.weakest(records)],
+        passed=all(record.passed and (not record.rtl or record.rtl.bit_exact) for record in records),
+        wall_s=round(time.perf_counter() - begin, 3),
+    )
     write_json(out / RESULT, result)
     write_page(out, result)
     return result
 
 
 # ---------------------------------------------------------------------- what workers do
-def weakest_cases(records: Sequence[Record]) -> list[Record]:
+def weakest_cases(records: Sequence[ModeResult]) -> list[ModeResult]:
     """The modes whose golden cases are played into the hardware: the weakest CONFIRMED of each group."""
-    ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+    ranked = [record for record in stability.weakest(records, len(records)) if record.has_case]
     return [
-        record for group in GROUPS for record in [one for one in ranked if one["group"] == group][:CONFIRMED]
+        record
+        for group in GROUPS
+        for record in [record for record in ranked if record.group == group][:CONFIRMED]
     ]
 
 
-def judge_mode(hardware: Hardware, name: str) -> Record:
+def judge_mode(hardware: Hardware, name: str) -> ModeResult:
     """The record of one mode."""
     return stability.judge(MODES[name], hardware.bench, hardware.measure)[0]
 
 
-def confirm(hardware: Hardware, name: str) -> Record:
+def confirm(hardware: Hardware, name: str) -> Confirmed:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches
     ...}."""
     _, case = stability.judge(MODES[name], hardware.bench)
     assert case is not None  # its record says that it has one
-    return hardware.play_case(case, name)
+    return _confirmed(hardware.play_case(case, name))
+
+
+HOW = Simulation(waves=False)
 
 
 @dataclass(frozen=True)
@@ -140,23 +140,18 @@ class Hardware:
     """Co-simulation for the suite."""
 
     bench: Bench
-    simulator: str = "verilator"
+    how: Simulation = HOW
 
-    def play_case(self, case: Case, name: str, **options: Any) -> Record:
-        """Record of a co-simulation for the mode ``name``, which the path in a simulator's error tells."""
-        model, options = (
-            case.model or self.bench.model,
-            {"simulator": self.simulator, "waves": False, **options},
-        )
+    def play_case(self, case: Case, name: str, *, stalls: bool = False, probe: bool = False) -> Played:
+        """A co-simulation for the mode ``name``, which the path in a simulator's error tells."""
+        how = replace(self.how, stalls=stalls, probe=probe)
         with flow.work_folder() as folder:
             work = folder / name.replace(" ", "-")
-            result = flow.cosimulate(model, case.recordings, work=work, **options)
-        keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
-        return {key: result[key] for key in keys.split()}
+            return flow.cosimulate(case.model or self.bench.model, case.recordings, how, work=work)
 
-    def measure(self, key: str, **options: Any) -> Outcome:
-        """The figure of a mode that only the hardware can show, by its key; options: of the function that does it."""
-        return self.leave(**options) if key == "reset" else self.play(key, **options)
+    def measure(self, key: str) -> Outcome:
+        """The figure of a mode that only the hardware can show, by its key."""
+        return self.leave() if key == "reset" else self.play(key)
 
     def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
         """A recording that is broken off at random cycles and around its last two decisions, in each of
@@ -204,11 +199,15 @@ class Hardware:
         words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
         return Outcome(value, f"a reset or a new arm {words}")
 
-    def play(self, key: str, **options: Any) -> Outcome:
+    def play(self, key: str) -> Outcome:
         """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during
         a touch."""
         clean = self.bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
-        rtl = self.play_case(case, key, **{key: True}, **options)
-        words = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return Outcome(rtl["mismatches"], words, rtl=rtl)
+        rtl = self.play_case(case, key, stalls=key == "stalls", probe=key == "probe")
+        words = f"{rtl.compared_values} values of {rtl.recordings} recordings compared"
+        return Outcome(rtl.mismatches, words, rtl=_confirmed(rtl))
+
+
+def _confirmed(rtl: Played) -> Confirmed:
+    return Confirmed.model_validate(dict(rtl))

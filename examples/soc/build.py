@@ -86,7 +86,7 @@ def prepare(options: argparse.Namespace) -> None:
     generate(config, model.arrays, folder / "eskin", bus="wishbone")
     program = firmware(folder)
     shutil.copy(LICENCE, folder / "LICENSE.serv")
-    # ---------------------------------------------------------------- what is played, and what it is to bring
+    # ---------------------------------------------------------------- recordings, and the decisions expected of them
     recordings = load_recordings(options.data, config=config)
     if not 0 < options.recordings <= len(recordings):
         raise InputError(
@@ -149,10 +149,10 @@ def bitstream(config: AcceleratorConfig, soc: Soc, board: str, folder: Path) -> 
 def compare(options: argparse.Namespace) -> int:
     """Exit status 1 when a decision differs from the golden model's, or one is missing or too many."""
     text = options.said.read_text()
-    said = [tuple(map(int, line)) for line in LINE.findall(text)]
+    rows = [tuple(map(int, line)) for line in LINE.findall(text)]
     words = [
         label | step << 7 | margin << 15 | is_global << 29 | partial << 30 | unsure << 31
-        for label, margin, step, is_global, partial, unsure, _ in said
+        for label, margin, step, is_global, partial, unsure, _ in rows
     ]
     expected = [int(line, 16) for line in (options.out / "expected.txt").read_text().split()]
     compared = max(len(words), len(expected))

@@ -28,7 +28,7 @@ from eskin.rtl.top.system import System
 
 SERV = Path(pythondata_cpu_serv.data_location)
 CORE = sorted(path for path in (SERV / "rtl").glob("serv_*.v") if path.name != "serv_synth_wrapper.v")
-"""Verilog of the CPU; serv_synth_wrapper.v is a top of its own."""
+"""Verilog of the CPU; serv_synth_wrapper.v is a second top."""
 LICENCE = SERV / "LICENSE"
 """Goes with whatever contains the CPU."""
 BAUD = 1e6
@@ -82,7 +82,7 @@ class Soc(wiring.Component):
         m.d.comb += running.eq(starts)
         fetch, fetch_at, fetched, fetch_done = Signal(), Signal(32), Signal(32), Signal()
         asks, at, given, select, writes = Signal(), Signal(32), Signal(32), Signal(4), Signal()
-        taken, done = Signal(32), Signal()
+        served, done = Signal(32), Signal()
         m.submodules.cpu = Instance(
             "serv_rf_top",
             p_WITH_CSR=0,
@@ -98,7 +98,7 @@ class Soc(wiring.Component):
             o_o_dbus_dat=given,
             o_o_dbus_sel=select,
             o_o_dbus_we=writes,
-            i_i_dbus_rdt=taken,
+            i_i_dbus_rdt=served,
             i_i_dbus_ack=done,
             i_i_ext_rd=0,
             i_i_ext_ready=0,
@@ -182,6 +182,6 @@ class Soc(wiring.Component):
         m.d.comb += [
             fetch_done.eq(fetch & answered),
             done.eq(Mux(lines[1], accelerator.wb_ack, asks & answered)),
-            taken.eq(Mux(lines[1], accelerator.wb_dat_r, Mux(lines[0], stored, word))),
+            served.eq(Mux(lines[1], accelerator.wb_dat_r, Mux(lines[0], stored, word))),
         ]
         return m

@@ -13,8 +13,8 @@ def frames_of(scene: Scene, count: int) -> np.ndarray:
     """(n, count, taxels): deviations from rest between the onset and the end of the last window, codes, as
     ``count`` points in time: means of equal parts where that is fewer than there are frames, else straight
     lines between frames. A touch that the recording cuts short is 0 from there on."""
-    span, held = scene.config.last_frame, first_touches(scene.config, scene.recordings)
-    courses = dict(zip(held.recording.tolist(), held.deviations, strict=True))
+    span, touches = scene.config.last_frame, first_touches(scene.config, scene.recordings)
+    courses = dict(zip(touches.recording.tolist(), touches.deviations, strict=True))
     frames = np.zeros((len(scene.labels), count, scene.config.sensor.taxels), dtype=np.float32)
     for number, (recording, start) in enumerate(
         zip(scene.touches.recording, scene.touches.start_frame, strict=True)
@@ -37,7 +37,7 @@ def in_time(touch: np.ndarray, count: int) -> np.ndarray:
 
 
 def shape_of(config: AcceleratorConfig) -> tuple[int, int]:
-    """Rows and columns: those of the configuration if they fit the taxels, otherwise the most nearly square
+    """Rows and columns of the configuration if they fit the taxels, otherwise the most nearly square
     ones."""
     taxels, grid = config.sensor.taxels, (config.interface.rows, config.interface.columns)
     if math.prod(grid) == taxels:

@@ -138,8 +138,8 @@ class Transfer(Method):
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         sensor, network = scene.config.sensor, torch.export.load(self.network).module()
-        held = scene.config.last_frame * sensor.taxels / 3
-        side = max(LEAST_SIDE, SIDE_STEP * math.ceil(math.sqrt(held) / SIDE_STEP))
+        sums = scene.config.last_frame * sensor.taxels / 3
+        side = max(LEAST_SIDE, SIDE_STEP * math.ceil(math.sqrt(sums) / SIDE_STEP))
         frames = frames_of(scene, -(-3 * side * side // sensor.taxels)).reshape(len(scene.labels), -1)
         level = np.sign(frames) * np.log2(1 + np.abs(frames)) / sensor.sample_bits
         colours = 0.5 + 0.5 * np.clip(level[:, : 3 * side * side], -1, 1)

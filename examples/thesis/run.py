@@ -88,23 +88,25 @@ def main() -> None:
     parser.add_argument("--folds", type=int, default=5)
     parser.add_argument("--seeds", type=int, default=3, help="the thesis has 10")
     parser.add_argument("--dcnn", type=Path, help="also the DCNN: a network that torch.export.save wrote")
-    asked = parser.parse_args()
-    transfer = [Transfer("dcnn", "DCNN by transfer, one image", asked.dcnn)] if asked.dcnn else []
+    arguments = parser.parse_args()
+    transfer = [Transfer("dcnn", "DCNN by transfer, one image", arguments.dcnn)] if arguments.dcnn else []
     methods = {method.name: method for method in (*RECURRENT, *TENSOR, *OVER_TIME, *transfer)}
-    names = asked.methods.split(",") if asked.methods else list(methods)
+    names = arguments.methods.split(",") if arguments.methods else list(methods)
     if unknown := [name for name in names if name not in methods]:
         parser.error(f"--methods {unknown[0]}: is none of {', '.join(methods)}")
     try:
-        recordings = load_recordings(asked.data)
-        config = for_recordings(AcceleratorConfig.load(asked.config), recordings) if asked.config else None
+        recordings = load_recordings(arguments.data)
+        config = (
+            for_recordings(AcceleratorConfig.load(arguments.config), recordings) if arguments.config else None
+        )
         result = run(
             recordings,
             config or derive_config(recordings)[0],
             [*map(methods.__getitem__, names), Network("gru", "GRU 12, our recipe", our_network)],
-            asked.group.split(",") if asked.group else [],
-            asked.out,
-            folds=asked.folds,
-            seeds=asked.seeds,
+            arguments.group.split(",") if arguments.group else [],
+            arguments.out,
+            folds=arguments.folds,
+            seeds=arguments.seeds,
             progress=lambda what, done, total: print(f"{what}: {done} of {total}", file=sys.stderr),
         )
     except InputError as error:

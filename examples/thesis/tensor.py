@@ -67,8 +67,8 @@ def stored_values(shape: Sequence[int]) -> int:
     return sum(rank * math.prod(shape) // size for size, rank in zip(shape, ranks_of(shape), strict=True))
 
 
-def multiplies(shape: Sequence[int], kept: int) -> int:
-    """From a tensor to its values of the kernel with ``kept`` stored ones.
+def multiplies(shape: Sequence[int], rows: int) -> int:
+    """From a tensor to its values of the kernel with ``rows`` stored ones.
 
     Of each unfolding the products of its shorter side (m x m), eigenvectors of these (about 9 m^3 operations
     by the symmetric QR algorithm, Golub and Van Loan, half multiplies), and the singular vectors from them.
@@ -78,8 +78,8 @@ def multiplies(shape: Sequence[int], kept: int) -> int:
         short, long = sorted((size, math.prod(shape) // size))
         count += short * (short + 1) / 2 * long + 4.5 * short**3
         count += rank * size * long if short == size else 0  # else the eigenvectors are the singular vectors
-        count += kept * rank * rank * (math.prod(shape) // size + 1)
-    return round(count) + kept
+        count += rows * rank * rank * (math.prod(shape) // size + 1)
+    return round(count) + rows
 
 
 class Svm:
@@ -87,8 +87,8 @@ class Svm:
 
     def __init__(self, within: np.ndarray, labels: np.ndarray, classes: int, penalty: float) -> None:
         self._model = SVC(C=penalty, kernel="precomputed").fit(within, labels)
-        self.kept = self._model.support_
-        self.weights = len(self.kept) * (classes - 1)
+        self.support = self._model.support_
+        self.weights = len(self.support) * (classes - 1)
 
     def decide(self, values: np.ndarray) -> np.ndarray:
         return self._model.predict(values)
@@ -100,7 +100,7 @@ class Rls:
     def __init__(self, within: np.ndarray, labels: np.ndarray, classes: int, penalty: float) -> None:
         targets = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
         self._model = KernelRidge(alpha=1 / penalty, kernel="precomputed").fit(within, targets)
-        self.kept = np.arange(len(labels))
+        self.support = np.arange(len(labels))
         self.weights = len(labels) * classes
 
     def decide(self, values: np.ndarray) -> np.ndarray:
@@ -126,19 +126,19 @@ class TensorMethod(Method):
         labels, distance = scene.labels[part], between[np.ix_(part, part)]
         width, penalty = self._best(distance, labels, scene.classes, seed)
         model = self.classifier(np.exp(-distance / width), labels, scene.classes, penalty)
-        kept, shape = len(model.kept), tensors.shape[1:]
+        support, shape = len(model.support), tensors.shape[1:]
 
-        def alone(row: int) -> np.ndarray:
+        def single(row: int) -> np.ndarray:
             values = np.zeros((1, len(part)))
-            stored = [basis[part[model.kept]] for basis in bases]
-            values[:, model.kept] = np.exp(-distances(subspaces(tensors[row : row + 1]), stored) / width)
+            stored = [basis[part[model.support]] for basis in bases]
+            values[:, model.support] = np.exp(-distances(subspaces(tensors[row : row + 1]), stored) / width)
             return model.decide(values)
 
         return Fitted(
             lambda rows: model.decide(np.exp(-between[np.ix_(rows, part)] / width)),
-            kept * stored_values(shape) + model.weights,
-            multiplies(shape, kept) + model.weights,
-            alone=alone,
+            support * stored_values(shape) + model.weights,
+            multiplies(shape, support) + model.weights,
+            alone=single,
         )
 
     def _best(self, distance: np.ndarray, labels: np.ndarray, classes: int, seed: int) -> tuple[float, float]:

@@ -29,8 +29,8 @@ def _decisions(m: Module, config) -> None:
     assume(~dut.finish | (dut.idle & (logits == 0) & ~dut.logit.valid))
     keeps_its_beat(dut.o, "o")
 
-    taken = dut.o.valid & dut.o.ready
-    local, overall = taken & ~dut.o.p.is_global, taken & dut.o.p.is_global
+    accepted = dut.o.valid & dut.o.ready
+    local, overall = accepted & ~dut.o.p.is_global, accepted & dut.o.p.is_global
     stepped = dut.logit.valid & (logits == CLASSES - 1)
     steps, locals_, globals_ = (
         Signal(range(STEPS + 2), name=name) for name in ("steps", "locals", "globals")
@@ -48,7 +48,7 @@ def _decisions(m: Module, config) -> None:
     prove(~overall | (globals_ == 0), "no second global decision")
     prove(~dut.ended | ((locals_ + local) == steps), "every step has had its local decision")
     prove(~dut.ended | finished | (steps == STEPS), "a touch ends with its last step or with the recording")
-    prove(~taken | (dut.o.p["class"] < CLASSES), "a class that there is")
+    prove(~accepted | (dut.o.p["class"] < CLASSES), "a class that there is")
     prove(~overall | (dut.o.p.partial == finished), "partial where the recording ended first")
     prove(~dut.idle | (locals_ == steps), "idle: nothing owed")
     small = dut.o.p.margin < config.network.margin_threshold
@@ -87,7 +87,7 @@ def _decisions(m: Module, config) -> None:
         ):
             with m.Case(state):
                 m.d.sync += phase.eq(following)
-        with m.Case(Phase.OFFER), m.If(taken):
+        with m.Case(Phase.OFFER), m.If(accepted):
             closes = (
                 ~dut.o.p.is_global
                 & ~given
@@ -171,10 +171,14 @@ class Phase(enum.Enum, shape=4):
 
 
 BUGS = (
-    Bug("the touch ends with its first decision", "self.ended.eq(taken & is_global)", "self.ended.eq(taken)"),
+    Bug(
+        "the touch ends with its first decision",
+        "self.ended.eq(accepted & is_global)",
+        "self.ended.eq(accepted)",
+    ),
     Bug(
         "an offer is withdrawn",
-        "with m.If(taken):\n            m.d.sync += offered.eq(0)",
+        "with m.If(accepted):\n            m.d.sync += offered.eq(0)",
         "with m.If(offered):\n            m.d.sync += offered.eq(0)",
     ),
     Bug("the step counter is not cleared", "(is_global, step, partial,", "(is_global, partial,"),
@@ -251,8 +255,8 @@ def unsure_vote(m: Module) -> None:
     bugs=(
         Bug(
             "an early decision ends the touch",
-            "(taken & is_global & (final | partial))",
-            "(taken & is_global)",
+            "(accepted & is_global & (final | partial))",
+            "(accepted & is_global)",
         ),
     ),
 )

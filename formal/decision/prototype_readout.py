@@ -28,12 +28,12 @@ CONFIG = (
 )
 def no_upset_goes_unseen(m: Module) -> None:
     dut = placed_free(PrototypeReadout(CONFIG))
-    held = {register.name: register for register in registers()}
-    counts = [name for name in held if name.startswith("count_") and not name.endswith("_parity")]
+    values = {register.name: register for register in registers()}
+    counts = [name for name in values if name.startswith("count_") and not name.endswith("_parity")]
     for names in (
         *([name] for name in ("address", "unit", "slot", "label", "place", "chosen", "state")),
         counts,
     ):
-        wrong = Cat(part for name in names for part in (held[name], held[f"{name}_parity"])).xor()
+        wrong = Cat(part for name in names for part in (values[name], values[f"{name}_parity"])).xor()
         prove(~wrong | dut.wrong, f"{names[0]} is flagged")
         prove(~wrong | ~dut.written, f"{names[0]} keeps codes from being written")

@@ -21,9 +21,9 @@ class _Bench:
         keeps_its_beat(dut.i, "i", assume)
         if words.EAGER:
             assume(dut.i.valid & dut.decider_idle)
-        self.taken = dut.i.valid & dut.i.ready
+        self.accepted = dut.i.valid & dut.i.ready
         self.beats = Signal(range(TAXELS), name="beats")  # of the window that comes in
-        with m.If(self.taken):
+        with m.If(self.accepted):
             m.d.sync += self.beats.eq(Mux(self.beats == TAXELS - 1, 0, self.beats + 1))
         assume(
             ~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == TAXELS - 1))
@@ -39,24 +39,25 @@ class _Bench:
         )
         self.reading = Signal(name="reading_a_window")  # from the slot after the waiting one on
         m.d.comb += self.reading.eq((self.slot > self.code.wait) & (self.slot <= released[0]))
-        come = self.taken & (self.beats == TAXELS - 1)
-        self.held = Signal(range(3), name="held")  # whole windows in the buffers
+        come = self.accepted & (self.beats == TAXELS - 1)
+        self.windows = Signal(range(3), name="held")  # whole windows in the buffers
         gone = self.enable & (self.slot == released[0])
-        m.d.sync += self.held.eq(self.held + come - gone)
-        prove(self.held <= 2, "two windows at most")
+        m.d.sync += self.windows.eq(self.windows + come - gone)
+        prove(self.windows <= 2, "two windows at most")
         prove(
-            ~dut.sequencer.go | (self.slot != self.code.wait) | (self.held != 0), "it goes on with a window"
+            ~dut.sequencer.go | (self.slot != self.code.wait) | (self.windows != 0),
+            "it goes on with a window",
         )
-        prove(~self.reading | (self.held != 0), "a window that is read is whole")
-        prove(queue.full[0] + queue.full[1] == self.held, "full buffers")
-        prove((queue.writing ^ queue.reading) == (self.held == 1), "whose turn it is")
-        prove((self.held != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
+        prove(~self.reading | (self.windows != 0), "a window that is read is whole")
+        prove(queue.full[0] + queue.full[1] == self.windows, "full buffers")
+        prove((queue.writing ^ queue.reading) == (self.windows == 1), "whose turn it is")
+        prove((self.windows != 1) | queue.full.bit_select(queue.reading, 1), "the full one is read")
         prove(~dut.i.ready | ~queue.full.bit_select(queue.writing, 1), "no beat into a full buffer")
         prove(queue.taxel == self.beats, "taxel")
         # the touch's last window, and the step that it gives
         ends = [Signal(name=f"ends_touch_{k}") for k in range(2)]  # of the windows held, the older one first
         self.last_step = Signal(name="last_step")
-        newest = self.held - gone  # the place of a window that comes
+        newest = self.windows - gone  # the place of a window that comes
         with m.If(gone):
             m.d.sync += [self.last_step.eq(ends[0]), ends[0].eq(ends[1])]
         for k in range(2):
@@ -64,7 +65,7 @@ class _Bench:
                 m.d.sync += ends[k].eq(dut.i.p.final)
         marks = queue.finals.bit_select(queue.reading, 1), queue.finals.bit_select(~queue.reading, 1)
         for k in range(2):
-            prove((self.held <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
+            prove((self.windows <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
         prove(dut.sequencer.restart == self.last_step, "the last step's mark")
         prove(
             (self.slot <= self.code.judges) | (followed.restarts == self.last_step),
@@ -115,16 +116,16 @@ def windows(m: Module) -> None:
     bench = _Bench(m)
     dut = bench.dut
     prove(
-        ~(bench.taken & (bench.queue.writing == bench.queue.reading)) | ~bench.reading,
+        ~(bench.accepted & (bench.queue.writing == bench.queue.reading)) | ~bench.reading,
         "no beat into the buffer that is read",
     )
     none = bench.code.layout.window_none
     prove(
-        ~(bench.enable & (dut.sequencer.word.window < none)) | (bench.held != 0),
+        ~(bench.enable & (dut.sequencer.word.window < none)) | (bench.windows != 0),
         "only whole windows are read",
     )
     prove(
-        dut.status.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)),
+        dut.status.overrun == (dut.i.valid & (bench.beats == 0) & (bench.windows == 2)),
         "overrun: a window comes and both buffers are full",
     )
     prove(dut.started == (bench.enable & (bench.slot == bench.code.wait)), "started")
@@ -176,13 +177,13 @@ def returns_to_idle(m: Module) -> None:
     dut, wait, length = bench.dut, bench.code.wait, len(bench.code.slots)
     primed = dut.sequencer.primed
     waiting = Signal(range(3), name="unread")  # windows whose step has not begun
-    m.d.comb += waiting.eq(bench.held - bench.reading)
+    m.d.comb += waiting.eq(bench.windows - bench.reading)
     rank = Signal(range(12 * length))
     to_wait = Mux(bench.slot <= wait, wait - bench.slot, length - bench.slot + wait)
-    asked = (bench.slot == wait) & dut.sequencer.go  # the window that is there was seen
-    m.d.comb += rank.eq(2 * (to_wait + ~primed + waiting * 2 * length) + ((waiting != 0) & ~asked))
-    calm = ~bench.taken & dut.decider_idle & dut.busy & (bench.beats == 0)
-    prove(~before(calm, "was_calm") | (rank < before(rank, "rank_before")), "every cycle brings idle nearer")
+    fetched = (bench.slot == wait) & dut.sequencer.go  # the window that is there was seen
+    m.d.comb += rank.eq(2 * (to_wait + ~primed + waiting * 2 * length) + ((waiting != 0) & ~fetched))
+    quiet = ~bench.accepted & dut.decider_idle & dut.busy & (bench.beats == 0)
+    prove(~before(quiet, "was_calm") | (rank < before(rank, "rank_before")), "every cycle brings idle nearer")
     prove((rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
     prove(dut.busy | (rank == 0), "and it is idle at the end only")
     prove(rank <= 10 * length + 1, "the way is no longer")

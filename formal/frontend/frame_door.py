@@ -23,7 +23,7 @@ CONFIG = PRESETS["pvdf"].replace(scan_every=4)
 def one_in_four(m: Module) -> None:
     dut = placed_free(FrameDoor(CONFIG), but=("every",))
     m.d.comb += dut.every.eq(any_number(1, "every"))
-    begun, under_way = Signal(2), Signal(2)  # the next frame and the one under way, each modulo 4
+    begun, under_way = Signal(2), Signal(2)  # the next frame and the frame under way, each modulo 4
     frame = Mux(dut.i.p.first, begun, under_way)
     with m.If(dut.i.valid & dut.i.ready & dut.i.p.first):
         m.d.sync += [begun.eq(begun + 1), under_way.eq(begun)]

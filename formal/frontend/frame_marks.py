@@ -52,9 +52,7 @@ CLAIM = "of every frame of a touch: it ends a hop, it ends a window, it ends the
     depth=1,
     reduced="touches of 6 frames, windows of 4, hop 2",
     quick=True,
-    bugs=(
-        Bug("a frame too late", "divmod(max(frames - 2, 0), hop_frames)", "divmod(frames - 1, hop_frames)"),
-    ),
+    bugs=(Bug("a frame too late", "divmod(frames - 2, hop_frames)", "divmod(frames - 1, hop_frames)"),),
 )
 def even(m: Module) -> None:
     _marks(m, EVEN)

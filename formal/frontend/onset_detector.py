@@ -74,7 +74,7 @@ def _frames(m: Module, config) -> None:
     # a beat of a frame goes into the pipeline, the sender's or a repeated one
     aligner = dut.aligner
     made = aligner.advance & aligner.offered
-    taken = dut.i.valid & dut.i.ready
+    accepted = dut.i.valid & dut.i.ready
     good = aligner.fresh & aligner.advance
     entered = Signal(range(taxels))
     gone = Signal(range(taxels))
@@ -82,34 +82,34 @@ def _frames(m: Module, config) -> None:
         m.d.sync += entered.eq(Mux(entered == taxels - 1, 0, entered + 1))
     with m.If(left):
         m.d.sync += gone.eq(Mux(gone == taxels - 1, 0, gone + 1))
-    held = Signal(range(8))  # beats in the pipeline
-    m.d.sync += held.eq(held + made - left)
+    beats_ahead = Signal(range(8))  # beats in the pipeline
+    m.d.sync += beats_ahead.eq(beats_ahead + made - left)
     ahead = _stages(dut, gone)
-    prove(held == ahead, "as many beats as stages that hold one")
+    prove(beats_ahead == ahead, "as many beats as stages that hold one")
     prove(aligner.index == entered, "taxels in order")
     prove((gone < taxels) & (entered < taxels), "the reference's own taxels")
     prove(aligner.inside == (aligner.index != 0), "inside a frame")
     prove(~aligner.filling | aligner.inside, "what is filled up has begun")
-    prove((gone + held) % taxels == entered, "frames leave whole: as many beats as came in")
+    prove((gone + beats_ahead) % taxels == entered, "frames leave whole: as many beats as came in")
     if taxels <= STATE_BEATS:
-        clear = before(held == 0, "clear")
+        clear = before(beats_ahead == 0, "clear")
         begins = made & (aligner.index == 0)
-        prove(~begins | clear & (held == 0), "a frame begins 2 cycles after the one before has left")
-        prove(dut.empty == Cat(held == 0, clear), "empty stages")
-    prove(good <= taken, "what goes in was taken")
+        prove(~begins | clear & (beats_ahead == 0), "a frame begins 2 cycles after the one before has left")
+        prove(dut.empty == Cat(beats_ahead == 0, clear), "empty stages")
+    prove(good <= accepted, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
     expects = Signal(range(taxels))
-    with m.If(taken):
+    with m.If(accepted):
         m.d.sync += expects.eq(Mux(expects == taxels - 1, 0, expects + 1))
     fits = (dut.i.p.first == (expects == 0)) & (dut.i.p.last == (expects == taxels - 1))
     ever, unfit = Signal(name="unfit_ever"), Signal(name="unfit")
     m.d.comb += unfit.eq(ever | (dut.i.valid & ~fits))
     m.d.sync += ever.eq(unfit)
-    prove(unfit | (taken == made), "of whole frames every beat goes in once")
+    prove(unfit | (accepted == made), "of whole frames every beat goes in once")
     prove(unfit | ~dut.status.framing_fault, "of whole frames none is called wrong")
     prove(unfit | (aligner.index == expects), "and the taxel is the sender's")
     prove(unfit | ~aligner.filling, "and nothing is filled in")
-    prove(~(taken & ~fits & ~ever) | dut.status.framing_fault, "a wrong beat is called wrong")
+    prove(~(accepted & ~fits & ~ever) | dut.status.framing_fault, "a wrong beat is called wrong")
     if config.onset_rule.onset == "baseline":
         now = _last(dut)
         sums = dut.sums
@@ -123,7 +123,7 @@ def _frames(m: Module, config) -> None:
         prove(waits <= 3, "the verdict takes three cycles")
     if config.onset_rule.onset == "band":
         refused = Signal(range(4 * taxels))  # cycles in which the sender waits and the next stage does not
-        m.d.sync += refused.eq(Mux(taken | ~dut.i.valid, 0, refused + dut.o.ready))
+        m.d.sync += refused.eq(Mux(accepted | ~dut.i.valid, 0, refused + dut.o.ready))
         prove(
             Mux(aligner.filling, refused <= aligner.index + 1, (aligner.index == 0) | (refused == 0)),
             "a frame is filled up at once",

@@ -144,7 +144,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     history = config.windows.pretrigger_frames + 1
     keeps_its_beat(dut.o, "o")
     free_sink(dut.o)
-    push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
+    push, popped = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
     passes = dut.passes if one_port else Const(0, 1)
 
     # Beats are numbered modulo 256, frame * taxels + taxel. What the ring is given to keep is how many it kept
@@ -201,7 +201,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
             wanted_word.eq(Mux(since >= history * taxels - 1, start, word - since)),
             end.eq(number + more * taxels),
         ]
-    with m.Elif(taken):
+    with m.Elif(popped):
         m.d.sync += wanted_word.eq(wanted_word + ~passes)
         with m.If(dut.touch_last):
             m.d.sync += [reading.eq(0), since.eq(number + push - wanted - 1)]
@@ -211,24 +211,24 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     prove(~push | (dut.held < (1 << len(dut.held)) - 1), "the ring never overflows")
 
     # ---- for the induction
-    held, frame = Signal.like(dut.held, name="in_the_ring"), taxels
-    m.d.comb += held.eq(dut.held - dut.counted)
+    stored_before, frame = Signal.like(dut.held, name="in_the_ring"), taxels
+    m.d.comb += stored_before.eq(dut.held - dut.counted)
     prove(dut.held >= dut.counted, "a beat that was fetched was there")
     oldest, first = Signal(8, name="oldest_word"), Signal(8, name="first_held")
-    m.d.comb += [oldest.eq(word - held), first.eq(oldest + passed)]
+    m.d.comb += [oldest.eq(word - stored_before), first.eq(oldest + passed)]
     mask = ring.depth - 1
     prove(write.addr == (word & mask), "where it writes")
     prove(read.addr == (oldest & mask), "where it reads")
     capacity = ring_frames * taxels
-    prove(held <= capacity + 1, "the most it holds")
-    prove((held <= capacity) | dut.full, "full in time")
+    prove(stored_before <= capacity + 1, "the most it holds")
+    prove((stored_before <= capacity) | dut.full, "full in time")
     for address, content in enumerate(ring.words):
         place = Signal(8, name=f"place_{address}")
         m.d.comb += place.eq((address - oldest) & mask)
         beat = Signal(8, name=f"beat_{address}")
         m.d.comb += beat.eq(oldest + place)
-        kept = Cat(beat, beat.xor()) if fault_frames else beat
-        prove((place >= held) | (content == kept), "what it holds")
+        stored = Cat(beat, beat.xor()) if fault_frames else beat
+        prove((place >= stored_before) | (content == stored), "what it holds")
     dut_touch, starting, fetched = dut.touch, dut.starting, dut.fetched
     earlier = SimpleNamespace(held=Signal.like(dut.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [
@@ -283,8 +283,8 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     prove(dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
     # without a touch: nothing is dropped that a touch could want which begins with the frame under way
     at = number & (taxels - 1)
-    prove(reading | (held >= (history - 1) * frame + at) | (held == since), "history")
-    prove(reading | (held <= since), "nothing older than the last touch's end")
+    prove(reading | (stored_before >= (history - 1) * frame + at) | (stored_before == since), "history")
+    prove(reading | (stored_before <= since), "nothing older than the last touch's end")
     if taxels <= STATE_BEATS:
         prove(~(begun | starting) | (at == 0), "no beat of a frame that begins before its touch")
         begins = before(pushed, "pushed_then") if taxels == 1 else pushed
@@ -294,7 +294,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     drops = Signal(8)
     m.d.comb += drops.eq(wanted - first)
     ahead = number - wanted  # beats of the touch that are there
-    prove(~opening | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
+    prove(~opening | (drops <= stored_before) & ((drops & (frame - 1)) == 0), "whole frames too many")
     prove(
         ~opening | (drops == 0) | (ahead[:8] >= history * frame), "frames are too many where history is whole"
     )

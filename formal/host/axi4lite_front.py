@@ -46,7 +46,7 @@ def one_access_one_response(m: Module) -> None:
             assume(~waits | port(f"{name}valid") & (port(signal) == before(port(signal), f"was_{signal}")))
     open_ = before(request.valid & ~request.done, "open")
     assume(~request.done | open_)  # as the shell answers
-    taken = {name: port(f"{name}valid") & port(f"{name}ready") for name in ("aw", "w", "b", "ar", "r")}
+    accepted = {name: port(f"{name}valid") & port(f"{name}ready") for name in ("aw", "w", "b", "ar", "r")}
     ends = request.valid & request.done
     # ---- requests
     prove(~open_ | request.valid, "an access holds")
@@ -65,17 +65,17 @@ def one_access_one_response(m: Module) -> None:
     )
     prove(request.whole == port("wstrb").all(), "all bytes")
     prove(
-        (taken["aw"] == taken["w"]) & (taken["aw"] == before(ends & request.write, "wrote_now")),
+        (accepted["aw"] == accepted["w"]) & (accepted["aw"] == before(ends & request.write, "wrote_now")),
         "taken when done",
     )
-    prove(taken["ar"] == before(ends & ~request.write, "read_now"), "read taken when done")
+    prove(accepted["ar"] == before(ends & ~request.write, "read_now"), "read taken when done")
     # ---- responses
-    for response, asked in (("b", "aw"), ("r", "ar")):
+    for response, channel in (("b", "aw"), ("r", "ar")):
         owed = Signal(name=f"owed_{response}")
         valid = port(f"{response}valid")
-        m.d.sync += owed.eq(taken[asked] | owed & ~taken[response])
+        m.d.sync += owed.eq(accepted[channel] | owed & ~accepted[response])
         prove(valid == owed, f"{response}: one response, from the cycle after its request until it is taken")
-        prove(~(taken[asked] & owed), f"{response}: one at a time")
+        prove(~(accepted[channel] & owed), f"{response}: one at a time")
         prove(port(f"{response}resp") == 0, "OKAY")
     value = Signal(32, name="value")
     with m.If(ends & ~request.write):
@@ -87,10 +87,10 @@ def one_access_one_response(m: Module) -> None:
     m.d.sync += passed.eq(Mux(~could, 0, passed + (ends & request.write)))
     prove(passed <= 1, "a read waits for one write at most")
     # ---- for the induction
-    for response, asked, way in (("b", "aw", request.write), ("r", "ar", ~request.write)):
+    for response, channel, way in (("b", "aw", request.write), ("r", "ar", ~request.write)):
         under_way = request.valid & way
         prove(
-            ~under_way | ~port(f"{response}valid") & ~port(f"{asked}ready"),
+            ~under_way | ~port(f"{response}valid") & ~port(f"{channel}ready"),
             f"{response}: none is owed under way",
         )
     prove(dut.busy == open_, "busy")

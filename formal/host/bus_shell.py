@@ -55,8 +55,8 @@ def _is(request, register, write):
             "frame.valid.eq(acts & feeds & ~refusing)",
             "frame.valid.eq(acts & feeds)",
         ),
-        Bug("a decision that is read ends a refusal", "m.If(asked | arming)", "m.If(queue.asked | arming)"),
-        Bug("a refusal ends unseen", "asked = request.valid & done &", "asked = acts &"),
+        Bug("a decision that is read ends a refusal", "m.If(looks | arming)", "m.If(queue.asked | arming)"),
+        Bug("a refusal ends unseen", "looks = request.valid & done &", "looks = acts &"),
         Bug("a CPU waits for itself", "refusing | stuck | (taken", "refusing | (taken"),
         Bug("ARM leaves the taxel", "m.d.sync += taxel.eq(0)", "m.d.sync += taxel.eq(taxel)"),
     ),
@@ -69,8 +69,8 @@ def answered_once(m: Module) -> None:
     prove(~request.done | request.valid & ~done, "one answer, to a request")
     strobe = bus.w_stb | bus.r_stb
     struck, had = Signal(name="struck"), Signal(2, name="had")  # in this access; samples of this access
-    taken = frame.valid & frame.ready
-    m.d.sync += [struck.eq((struck | strobe) & ~request.done), had.eq(Mux(request.done, 0, had + taken))]
+    accepted = frame.valid & frame.ready
+    m.d.sync += [struck.eq((struck | strobe) & ~request.done), had.eq(Mux(request.done, 0, had + accepted))]
     prove(
         ~strobe | ~struck & request.valid & (request.address < 0x40) & (bus.addr == request.address),
         "one strobe",
@@ -88,7 +88,7 @@ def answered_once(m: Module) -> None:
     reads = request.done & _is(request, ShellRegister.NEXT_TAXEL, 0)
     prove(~reads | (request.r_data == (taxel | refused << 31)), "NEXT_TAXEL")
     m.d.sync += [
-        taxel.eq(Mux(arm, 0, Mux(taken, Mux(taxel == LAST, 0, taxel + 1), taxel))),
+        taxel.eq(Mux(arm, 0, Mux(accepted, Mux(taxel == LAST, 0, taxel + 1), taxel))),
         refused.eq((refused | stuck) & ~arm & ~reads),
     ]
     prove(

@@ -180,25 +180,27 @@ TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
         ),
         Bug("a touch does not make it stale", "~(loader.locked | bus.w_stb)", "~bus.w_stb"),
         Bug("a write does not make it stale", "~(loader.locked | bus.w_stb)", "~loader.locked"),
-        Bug("the place goes on with every question", "onward=asked & given", "onward=asked"),
+        Bug("the place goes on with every question", "onward=looks & given", "onward=looks"),
     ),
 )
 def words_of_places(m: Module) -> None:
     dut = placed_free(HostControl(TAUGHT))
     loader, look = dut.loader, dut.teaching.look
-    asked = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
+    looks = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
     # what the readout holds: the word at the place looked at last, while it was free
-    held, at = Signal(name="held"), Signal(len(loader.load.address), name="looked_at")
+    waiting, at = Signal(name="held"), Signal(len(loader.load.address), name="looked_at")
     written = dut.bus.w_stb | dut.load.enable
-    m.d.sync += held.eq((held | look) & ~loader.locked & ~written)
+    m.d.sync += waiting.eq((waiting | look) & ~loader.locked & ~written)
     with m.If(look):
         m.d.sync += at.eq(loader.load.address)
-    prove(~dut.given | (held & ~look & ~loader.locked & (at == loader.load.address)), "the word of the place")
+    prove(
+        ~dut.given | (waiting & ~look & ~loader.locked & (at == loader.load.address)), "the word of the place"
+    )
     # ---- for the induction
-    prove(held == dut.fresh, "the reference's own state")
-    prove(~held | look | (at == loader.load.address), "the place stays")
+    prove(waiting == dut.fresh, "the reference's own state")
+    prove(~waiting | look | (at == loader.load.address), "the place stays")
     was = Signal(len(loader.load.address), name="place_before")
     m.d.sync += was.eq(loader.load.address)
     moved = loader.load.address != was
-    acted = before(asked & dut.given, "gave") | before(written, "wrote")
+    acted = before(looks & dut.given, "gave") | before(written, "wrote")
     prove(~moved | acted, "the place goes on with a word given")

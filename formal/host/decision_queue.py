@@ -38,32 +38,32 @@ BUGS = (
 def once_and_in_order(m: Module) -> None:
     dut = placed(DecisionQueue(CONFIG, DEPTH))
     free(dut.i.valid, dut.i.payload, dut.global_only, dut.clear, dut.take, dut.asked)
-    asked = before(dut.asked, "asked")
-    assume(~dut.asked | ~asked & ~dut.clear)
+    request = before(dut.asked, "asked")
+    assume(~dut.asked | ~request & ~dut.clear)
     count = Signal(range(DEPTH + 1), name="count")
     shown = before(dut.asked & (count != 0), "shown")
-    kept = [Signal(32, name=f"kept_{k}") for k in range(DEPTH)]  # the oldest first
+    stored = [Signal(32, name=f"kept_{k}") for k in range(DEPTH)]  # the oldest first
     dropped = dut.global_only & ~dut.i.p.is_global
-    came, left = dut.i.valid & dut.i.ready & ~dropped, dut.take & shown
+    arrives, left = dut.i.valid & dut.i.ready & ~dropped, dut.take & shown
     rest = Signal.like(count, name="rest")
     m.d.comb += rest.eq(count - left)
-    m.d.sync += count.eq(Mux(dut.clear, 0, rest + came))
-    moved = [Mux(left, kept[k + 1], kept[k]) if k + 1 < DEPTH else kept[k] for k in range(DEPTH)]
-    for k, word in enumerate(kept):
-        m.d.sync += word.eq(Mux(came & (rest == k), decision_word(CONFIG, dut.i.p) & WORD_MASK, moved[k]))
+    m.d.sync += count.eq(Mux(dut.clear, 0, rest + arrives))
+    moved = [Mux(left, stored[k + 1], stored[k]) if k + 1 < DEPTH else stored[k] for k in range(DEPTH)]
+    for k, word in enumerate(stored):
+        m.d.sync += word.eq(Mux(arrives & (rest == k), decision_word(CONFIG, dut.i.p) & WORD_MASK, moved[k]))
     prove(dut.i.ready == (dropped | (count != DEPTH)), "taken where there is room")
     prove(dut.waits == (count != 0), "waits")
-    prove(dut.word == Mux(asked, Mux(shown, kept[0], 0xFFFF_FFFF), 0), "the oldest")
-    globals_ = [(count > k) & word[29] for k, word in enumerate(kept)]
+    prove(dut.word == Mux(request, Mux(shown, stored[0], 0xFFFF_FFFF), 0), "the oldest")
+    globals_ = [(count > k) & word[29] for k, word in enumerate(stored)]
     offered = dut.i.valid & dut.i.p.is_global
     prove(dut.global_waits == (sum(globals_) + offered != 0), "a global one")
     # ---- for the induction: the ring holds them from its oldest on
     prove((dut.shows == shown) & (~shown | (count != 0) & (dut.index == dut.oldest)), "what is shown")
-    prove(shown | (dut.index == asked), "none")
+    prove(shown | (dut.index == request), "none")
     prove((count <= DEPTH) & (dut.newest == (dut.oldest + count)[:2]), "count")
     for place in range(DEPTH):
         for k in range(DEPTH):
             holds = dut.oldest == (place - k) % DEPTH
             prove(~holds | (dut.full[place] == (count > k)), "full")
             wide = sum(dut.entries[place][n] << bit for n, bit in enumerate(_places(CONFIG)))
-            prove(~holds | (count <= k) | (wide == kept[k]), "kept")
+            prove(~holds | (count <= k) | (wide == stored[k]), "kept")

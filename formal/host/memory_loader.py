@@ -28,16 +28,16 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True
 def in_order(m: Module) -> None:
     dut = placed_free(MemoryLoader(CONFIG))
     assume(~(dut.chosen & dut.written))  # one register a write
-    taken = Signal.like(dut.address, name="words_taken")
-    m.d.sync += taken.eq(Mux(dut.chosen, 0, taken + dut.load.enable))
+    words = Signal.like(dut.address, name="words_taken")
+    m.d.sync += words.eq(Mux(dut.chosen, 0, words + dut.load.enable))
     prove(~dut.load.enable | (dut.written & ~dut.locked), "only what is written, and not while locked")
     prove(dut.load.enable | (dut.refused == dut.written), "what is not taken is told")
     prove(~dut.load.enable | ~dut.refused, "what is taken is not")
-    prove(dut.load.address == taken, "word after word")
+    prove(dut.load.address == words, "word after word")
     prove(dut.load.data == dut.data, "the host's word")
     select = dut.load.select
     prove((select & (select - 1)) == 0, "one memory at most")
     prove(
-        before(dut.chosen, "chosen_before") | (select == before(select, "memory_before")) | (taken == 0),
+        before(dut.chosen, "chosen_before") | (select == before(select, "memory_before")) | (words == 0),
         "the memory stays",
     )

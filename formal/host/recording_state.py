@@ -37,19 +37,19 @@ def finish_ends(m: Module) -> None:
         dut.clear,
         ~dut.decider_idle,
     ).any()
-    calm = Signal(range(21))  # cycles without anything under way and without a command
-    m.d.sync += calm.eq(Mux(still, calm + (calm < 20), 0))
-    prove((calm < 20) | ~still | ~dut.busy, "busy falls")
+    quiet = Signal(range(21))  # cycles without anything under way and without a command
+    m.d.sync += quiet.eq(Mux(still, quiet + (quiet < 20), 0))
+    prove((quiet < 20) | ~still | ~dut.busy, "busy falls")
     worked = before(work, "worked")
     prove(~dut.finish | (dut.decider_idle & ~worked), "finish comes when nothing is under way")
     prove(~before(dut.finish_asked, "asked_now") | dut.finishing, "what is asked for is begun")
-    asked = Signal()
+    wanted = Signal()
     given = Signal()
     m.d.sync += [
-        asked.eq(dut.finish_asked | (asked & ~dut.clear)),
+        wanted.eq(dut.finish_asked | (wanted & ~dut.clear)),
         given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked),
     ]
-    prove(~(dut.finish | dut.finishing) | asked, "what goes on was asked for")
+    prove(~(dut.finish | dut.finishing) | wanted, "what goes on was asked for")
     prove(~given | ~dut.finishing | dut.finished, "what was given is known")
     prove(~dut.finished | dut.finishing, "finished only while it goes on")
     prove(~(dut.finish & given), "finish pulses once")

@@ -50,15 +50,15 @@ def frames_and_writes(m: Module) -> None:
     taxels, word = CONFIG.sensor.taxels, dut.word
     keeps_its_beat(dut.frame, "frame")
     beats = Signal(range(taxels + 1))
-    taken = dut.frame.valid & dut.frame.ready
-    with m.If(taken):
+    accepted = dut.frame.valid & dut.frame.ready
+    with m.If(accepted):
         m.d.sync += beats.eq(Mux(dut.frame.p.last, 0, beats + 1))
     prove(
         ~dut.frame.valid | (dut.frame.p.first == (beats == 0)) & (dut.frame.p.last == (beats == taxels - 1)),
         "first and last",
     )
     prove(
-        ~(before(taken & ~dut.frame.p.last, "goes_on")) | dut.frame.valid,
+        ~(before(accepted & ~dut.frame.p.last, "goes_on")) | dut.frame.valid,
         "no frame stops before its last taxel",
     )
     prove(
@@ -66,7 +66,7 @@ def frames_and_writes(m: Module) -> None:
         "one thing at a time",
     )
     prove(~before(dut.bus.w_stb, "wrote") | ~dut.bus.w_stb, "one write is one cycle")
-    ended = dut.bus.w_stb | (taken & dut.frame.p.last)
+    ended = dut.bus.w_stb | (accepted & dut.frame.p.last)
     counted, was = Signal(name="counted"), before(dut.expected, "expected_before")
     moves = dut.expected != was
     m.d.sync += counted.eq((counted | moves) & ~ended)

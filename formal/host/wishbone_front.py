@@ -32,18 +32,20 @@ def one_acknowledge(m: Module) -> None:
     connect(m, dut.request, shell.request)
     free(dut.wb_cyc, dut.wb_stb, dut.wb_we, dut.wb_adr, dut.wb_sel, dut.wb_dat_w)
     free(shell.bus.r_data, shell.any_fault, shell.decision.valid, shell.decision.payload, shell.frame.ready)
-    asked, bus = dut.wb_cyc & dut.wb_stb, shell.bus
-    prove(~dut.wb_ack | asked & ~before(dut.wb_ack, "acknowledged"), "to who asks, once")
+    request, bus = dut.wb_cyc & dut.wb_stb, shell.bus
+    prove(~dut.wb_ack | request & ~before(dut.wb_ack, "acknowledged"), "to who asks, once")
     address = dut.wb_adr >> 2
-    inner = asked & (address < 0x40) & (bus.addr == address)
+    inner = request & (address < 0x40) & (bus.addr == address)
     prove(~bus.w_stb | inner & dut.wb_we & (dut.wb_sel == 0xF) & (bus.w_data == dut.wb_dat_w[:16]), "a write")
     prove(~bus.r_stb | inner & ~dut.wb_we, "a read")
     prove(~(bus.w_stb & bus.r_stb), "one of them")
     prove(
         ~(shell.decision.ready & shell.decision.valid & ~shell.queue.global_only) | dut.wb_ack, "a decision"
     )
-    prove(~shell.frame.valid | asked & dut.wb_we, "a sample")
+    prove(~shell.frame.valid | request & dut.wb_we, "a sample")
     prove(~shell.queue.shown | shell.request.done, "shown with an answer")
     begun = Signal(name="begun")
-    m.d.sync += begun.eq(Mux(dut.wb_ack, 0, asked & (address < 0x40)))
-    prove(~(begun & asked & before(asked & ~dut.wb_ack, "same")) | dut.wb_ack, "registers take two cycles")
+    m.d.sync += begun.eq(Mux(dut.wb_ack, 0, request & (address < 0x40)))
+    prove(
+        ~(begun & request & before(request & ~dut.wb_ack, "same")) | dut.wb_ack, "registers take two cycles"
+    )

@@ -49,10 +49,10 @@ def values_stay(m: Module) -> None:
     value = Signal(8)  # it was written, with this
     with m.If(dut.write & (dut.source != memory) & (dut.write_address == place)):
         m.d.sync += [there.eq(1), value.eq(dut.write_value)]
-    asked = Signal()
+    wanted = Signal()
     expected = Signal(8)
     m.d.sync += [
-        asked.eq(there & dut.read & (dut.source == memory) & (dut.read_address == place)),
+        wanted.eq(there & dut.read & (dut.source == memory) & (dut.read_address == place)),
         expected.eq(value),
     ]
-    prove(~asked | (dut.value == expected), "a value that is read is the one that was written last")
+    prove(~wanted | (dut.value == expected), "a value that is read is the one that was written last")

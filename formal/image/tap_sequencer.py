@@ -144,12 +144,12 @@ def passes_in_pairs(m: Module) -> None:
     # Columns that the sums of a row see: of one that, of two both, of three all and then the last two.
     across, down = Mux(columns == 2, 5, columns + 1), Mux(rows, 4, 1)
     taps = Signal(8)
-    alone = Signal(3)
+    singles = Signal(3)
     ended = Signal()
     m.d.sync += [taps.eq(taps + dut.tap.valid), ended.eq(ended | dut.done)]
-    m.d.sync += alone.eq(alone + (dut.begin & dut.released.valid & dut.released.alone))
+    m.d.sync += singles.eq(singles + (dut.begin & dut.released.valid & dut.released.alone))
     prove(~dut.tap.valid | (dut.tap.activation < Mux(rows, row << 1, row)), "activation in the map")
     prove(~dut.tap.valid | (dut.tap.weight < now.group), "weight in the kernel")
     prove(~dut.done | (taps == across * down), "as many taps as places")
-    prove(~dut.done | (alone == Mux(columns[0], 0, rows + 1)), "a place alone")
+    prove(~dut.done | (singles == Mux(columns[0], 0, rows + 1)), "a place alone")
     prove(ended | (time <= LONGEST_PAIRS), "the pass ends")

@@ -43,16 +43,16 @@ def whole_frames(m: Module) -> None:
     prove(~dut.write.en | ~dut.handing, "nothing is written while a frame is handed on")
     prove(~(stalled & dut.read.en), "nothing is read while a beat waits")
     beats = Signal(range(taxels + 1))
-    taken = dut.o.valid & dut.o.ready
-    with m.If(taken):
+    accepted = dut.o.valid & dut.o.ready
+    with m.If(accepted):
         m.d.sync += beats.eq(Mux(dut.o.p.last, 0, beats + 1))
     prove(
         ~dut.o.valid | (dut.o.p.first == (beats == 0)) & (dut.o.p.last == (beats == taxels - 1)),
         "first and last",
     )
-    # ---- a reference of its own: samples of this frame that came too late, and whether a frame waits to be forwarded
+    # ---- a reference: samples of this frame that came too late, and whether a frame waits to be forwarded
     late, owed = Signal(name="came_late"), Signal(name="owed")
-    ends = taken & (beats == taxels - 1)
+    ends = accepted & (beats == taxels - 1)
     good = dut.finished & ~dut.bad & ~owed & ~late
     m.d.sync += [late.eq(Mux(dut.finished, 0, late | dut.put.valid & owed)), owed.eq(good | owed & ~ends)]
     prove(dut.broken == (dut.finished & ~good), "broken where a frame is not handed on")

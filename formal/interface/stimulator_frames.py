@@ -41,7 +41,7 @@ def off_follows(m: Module) -> None:
         dut = placed_free(StimulatorFrames(Interface(), ON_CYCLES))
     frame, sending, burst = dut.frame, dut.byte.valid, dut.burst
     begins = sending & ~before(sending, "was_sending")  # a frame's first cycle
-    # ---- a reference of its own: OFF is owed; a new touch is needed; cycles since the burst began
+    # ---- a reference: OFF is owed; a new touch is needed; cycles since the burst began
     owed = Signal()
     needs_touch = Signal()
     alive = Signal()

@@ -95,7 +95,7 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     detector = dut.front_end.detector
     for stage in detector.stages.values():
         assume(~stage.valid | (stage.index != detector.aligner.index))
-    # And the recording's state of its own.
+    # And the state of the recording.
     assume(~dut.control.state.finished | dut.control.state.finishing)
     free_source(dut.i)
     free_sink(dut.o)

@@ -9,6 +9,7 @@ from eskin.golden.core.files import (
     PREFIX,
     ArchiveError,
     Check,
+    Result,
     check_folder,
     check_prefix,
     check_target,

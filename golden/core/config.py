@@ -164,6 +164,16 @@ class AcceleratorConfig:
                     f"is {before}, but a touch ends with its frame {self.last_frame}, which must come after "
                     "the onset; lower pretrigger_frames or raise steps or hop",
                 )
+        if self.follows_touch and network.decision == "early":
+            yield (
+                "decision",
+                "is 'early' with window_mode 'whole', which decides at the end; use 'last' or 'vote'",
+            )
+        if self.follows_touch and not self.opens_at_once and rule.rearm_frames < windows.hop:
+            yield (
+                "rearm_frames",
+                f"is {rule.rearm_frames}; with window_mode 'whole' it is at least one hop, {windows.hop} frames",
+            )
         if network.decision == "early" and network.early_steps > windows.steps:
             yield (
                 "early_steps",
@@ -303,9 +313,9 @@ class AcceleratorConfig:
             yield (
                 "loadable",
                 "is false, but the host must fill the memory of prototypes; set it to true, or quantise without "
-                "--readout",
+                "`readout`",
             )
-        # one more: the current touch has a slot of its own, so that it can be taught after its end
+        # one more: the current touch has a slot, so that it can be taught after its end
         places = self.classes * (rule.prototypes + rule.taught) + 1
         if self.windows.steps * places * self.trajectory_width + self.classes > 1 << 16:
             yield (
@@ -464,7 +474,7 @@ class AcceleratorConfig:
         """First and last frame of windows 1..steps, 1-based from the start of the touch's first window.
 
         Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at
-        touch_frames. Whole: those of the longest touch, where all parts are equal.
+        touch_frames. Whole: the spans of the longest touch, where all parts are equal.
         """
         if self.follows_touch:
             frames, steps = self.windows.touch_frames, self.windows.steps
@@ -478,7 +488,7 @@ class AcceleratorConfig:
 
     @cached_property
     def window_lengths(self) -> tuple[int, ...]:
-        """Distinct window lengths, frames, in order of first appearance; each has its own normaliser
+        """Distinct window lengths, frames, in order of first appearance; each has separate normaliser
         constants. Whole: 1 to ``store_per_window`` hops, in frames before the hop doubled."""
         if self.follows_touch:
             return tuple(self.windows.hop * (hops + 1) for hops in range(self.windows.store_per_window))
@@ -487,7 +497,7 @@ class AcceleratorConfig:
     @cached_property
     def length_index(self) -> tuple[int, ...]:
         """For each window, the index of its length in window_lengths; whole: the longest, though each touch has
-        its own (`Touches.lengths`)."""
+        separate ones (`Touches.lengths`)."""
         if self.follows_touch:
             return (self.windows.store_per_window - 1,) * self.windows.steps
         return tuple(self.window_lengths.index(last - first + 1) for first, last in self.window_spans)
@@ -658,14 +668,14 @@ class AcceleratorConfig:
 
     @property
     def layer_shifts(self) -> tuple[int, ...]:
-        """The right shift of each of ``weighted_stages``: fraction bits of its weights and inputs, less those
+        """The right shift of each of ``weighted_stages``: fraction bits of its weights and inputs, less the fraction bits
         of its outputs. 0 until the model is quantised."""
         if not self.image.weight_formats:
             return (0,) * len(self.weighted_stages)
         formats = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
         return tuple(
-            weight.frac_bits + before.frac_bits - behind.frac_bits
-            for weight, before, behind in zip(self.image.weight_formats, formats, formats[1:], strict=False)
+            weight.frac_bits + before.frac_bits - after.frac_bits
+            for weight, before, after in zip(self.image.weight_formats, formats, formats[1:], strict=False)
         )
 
     @property
@@ -685,7 +695,7 @@ class AcceleratorConfig:
     @property
     def parameter_count(self) -> int:
         """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after;
-        linear: a C x D matrix for each set of weights, + C; images: those of all layers, batch norm
+        linear: a C x D matrix for each set of weights, + C; images: the parameters of all layers, batch norm
         included."""
         if self.is_image:
             return sum(stage.parameters for stage in self.stages)
@@ -699,8 +709,8 @@ class AcceleratorConfig:
 
     @property
     def multiplies(self) -> int:
-        """Multiplications per step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; images: those
-        of all layers, including those with the zero padding."""
+        """Multiplications per step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; images: all
+        layers, products with the zero padding included."""
         if self.is_image:
             return sum(stage.multiplies for stage in self.stages)
         h, d = self.network.hidden, self.inputs
@@ -745,16 +755,16 @@ class AcceleratorConfig:
 
     @property
     def operand_bits(self) -> int:
-        """Bits of a vector operand on the lanes: those of the wider of state and aligned feature; in a linear
-        cell those of the feature."""
+        """Bits of a vector operand on the lanes: the wider of state and aligned feature; in a linear
+        cell the feature."""
         if not self.recurrent:
             return self.formats.feature_format.width
         return max(self.formats.state_format.width, self.formats.feature_format.width + self.feature_align)
 
     @property
     def weight_bits(self) -> int:
-        """Bits of a weight word: those of the widest of the three weight formats; in a linear cell those of
-        the dense weights; for images those of the widest layer."""
+        """Bits of a weight word: the widest of the three weight formats; in a linear cell the format of
+        the dense weights; for images the widest layer."""
         if self.is_image:
             return max((fmt.width for fmt in self.image.weight_formats), default=8)
         if not self.recurrent:

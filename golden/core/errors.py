@@ -1,5 +1,6 @@
 """Errors: bad input by the user, and a simulation that fails."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,15 @@ import numpy as np
 class InputError(ValueError):
     """Bad input or usage: one plain sentence that names the file, the field and the fix.
 
-    The command line prints the sentence and ends with status 2; it never shows a traceback for it.
+    A sentence names fields of a request in back quotes, where the command line puts its options. It ends with status 2
+    and never shows a traceback for it.
     """
+
+    @property
+    def field(self) -> str | None:
+        """The field that is wrong: the sentence begins with it, if it names one."""
+        found = re.match(r"`(\w+)`", str(self))
+        return found and found[1]
 
 
 class SimulationError(RuntimeError):

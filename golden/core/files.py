@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from eskin.golden.core.errors import InputError
 
@@ -100,17 +101,17 @@ def replacing_folder(folder: str | Path, check: Check = lambda: None) -> Iterato
     folder = Path(folder)
     with _parents(folder):
         work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        fresh, old = work / "new", work / "old"
+        draft, old = work / "new", work / "old"
         try:
-            fresh.mkdir()
-            yield fresh
-            exchange(fresh, folder, old, check)
+            draft.mkdir()
+            yield draft
+            exchange(draft, folder, old, check)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def exchange(fresh: Path, folder: Path, old: Path, check: Check = lambda: None) -> None:
-    """Rename ``fresh`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
+def exchange(draft: Path, folder: Path, old: Path, check: Check = lambda: None) -> None:
+    """Rename ``draft`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
     system.
 
     Raises
@@ -127,7 +128,7 @@ def exchange(fresh: Path, folder: Path, old: Path, check: Check = lambda: None) 
         if folder.exists():
             os.replace(folder, old)
         try:
-            os.replace(fresh, folder)
+            os.replace(draft, folder)
         except BaseException:
             if old.exists():
                 os.replace(old, folder)
@@ -145,9 +146,17 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
+class Result(BaseModel):
+    """A result, or a part of one: fields of JSON, by their names there. A field that was not set is not written."""
+
+    def plain(self) -> dict[str, Any]:
+        """Its fields as JSON holds them."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """``value`` as indented JSON. NaN and infinities are errors, because JSON has no such numbers."""
-    text = json.dumps(value, indent=2, allow_nan=False)
+    text = json.dumps(value, indent=2, allow_nan=False, default=Result.plain)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n")
 
@@ -227,12 +236,12 @@ def check_folder(out: Path, mark: str) -> None:
     InputError
     """
     if not out.name:
-        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
+        raise InputError(f"`out` {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
+        raise InputError(f"`out` {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
         raise InputError(
-            f"--out {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
+            f"`out` {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
         )
 
 

@@ -128,7 +128,7 @@ def clamp(code, fmt: QFormat, overflow: Overflow = "SAT"):
 
 
 def narrow(code, shift: int, fmt: QFormat, rounding: Rounding = "RND", overflow: Overflow = "SAT"):
-    """The one narrowing of the datapath: round away ``shift`` bits, then fit into ``fmt``."""
+    """The narrowing that all of the datapath uses: round away ``shift`` bits, then fit into ``fmt``."""
     return clamp(shift_right(code, shift, rounding), fmt, overflow)
 
 

@@ -86,7 +86,7 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
     for bounds in (
         *parts,
         *(inner for part in parts[:1] for inner in get_args(part)),
-    ):  # or those of a union's first type
+    ):  # or the bounds of a union's first type
         match bounds:
             case _ if not kind.startswith(("greater_than", "less_than")):
                 break

@@ -478,7 +478,7 @@ class Hardware(Group):
 class Interface(Group):
     """Hardware on the pins in front of the chain. With ``none`` nothing of it is built.
 
-    - converter: ``none``, a name from golden/core/converters, or an object of the name and its own fields:
+    - converter: ``none``, a name from golden/core/converters, or an object of the name and the converter's fields:
       ``{"name": "ddc232", "bits": 16}``.
     - rows, columns: size of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
     - position: compute where the array is touched. position_rest: sample of an untouched cell. position_threshold: codes above

@@ -7,7 +7,7 @@ as in a configuration's group ``image``:
 | text | layer |
 | --- | --- |
 | ``conv K N`` | convolution K x K (1, 3 or 5), stride 1, zeros around the map ("same"), N channels; then ReLU |
-| ``pool`` | after a convolution: largest of 2 x 2, stride 2; an odd last row or column is a window of its own (ceil) |
+| ``pool`` | after a convolution: largest of 2 x 2, stride 2; an odd last row or column is a separate window (ceil) |
 | ``dense N`` | from every value of the map to N outputs; then ReLU, except in the last layer, whose outputs are the logits |
 
 **Maps** are channels-last: value (row, column, channel) of a map of width W and C channels has the number
@@ -207,8 +207,8 @@ def layer_stages(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stag
 
 
 def _check_room(stages: Sequence[Stage]) -> None:
-    for stage, behind in itertools.pairwise(stages):
-        if math.prod(stage.result) > MOST_MAP_VALUES and not isinstance(behind.layer, Pool):
+    for stage, following in itertools.pairwise(stages):
+        if math.prod(stage.result) > MOST_MAP_VALUES and not isinstance(following.layer, Pool):
             raise ValueError(
                 f"has a map of {math.prod(stage.result)} values behind '{stage.layer}', and "
                 f"{MOST_MAP_VALUES} fit the memory; use fewer channels, or a pool behind it"

@@ -12,8 +12,8 @@ HEADROOM = 2.0
 MOST_CLIPPED = 0.01
 """Largest share of a taxel's samples that a requested scale may clip."""
 UNEVEN = 8.0
-"""Largest ratio of the ranges of kinds of columns that one scale serves; beyond it each kind needs its
-own."""
+"""Largest ratio of the ranges of kinds of columns that one scale serves; beyond it each kind needs a
+separate scale."""
 APART, NOISE, MOST_DEAD = 32.0, 16.0, 1 / 3
 """Of columns without names that tell their kind: smallest ratio of the ranges of two kinds, below which one scale leaves
 the smaller one 500 codes; highest range of noise in medians of its steps; highest share of dead taxels."""
@@ -94,7 +94,7 @@ def to_codes(
     *,
     names: Sequence[str] = (),
     kinds: Sequence[str] = (),
-    asked: bool = False,
+    requested: bool = False,
 ) -> tuple[np.ndarray, Worth, list[str]]:
     """Finite real samples as codes ``rint(value / scale)``.
 
@@ -110,8 +110,8 @@ def to_codes(
     names:
         Names of the taxels, for messages; none: their numbers.
     kinds:
-        Kinds of the taxels; each kind gets a scale of its own if the kinds need it (`scale_a_kind`).
-    asked:
+        Kinds of the taxels; each kind gets a separate scale if the kinds need it (`scale_a_kind`).
+    requested:
         The user requested this scale: it is refused if it clips more than MOST_CLIPPED of a taxel's samples.
 
     Returns
@@ -151,17 +151,17 @@ def to_codes(
             scale = round_step(HEADROOM * largest, bounds.max_code)
             origin = f"twice the largest value of {largest:.6g} fits 16 bits"
     codes = np.rint(values / np.asarray(scale))
-    clipped, held = clipped_to(codes, bounds, names)
-    if asked and clipped.max() > MOST_CLIPPED:
+    clipped, held_codes = clipped_to(codes, bounds, names)
+    if requested and clipped.max() > MOST_CLIPPED:
         worst = int(np.argmax(clipped))
         raise InputError(
             f"{source}, {called([worst], names)}: a scale of {in_words(scale)} puts {clipped[worst]:.1%} of its samples beyond "
-            f"16 bits; give {round_step(largest, bounds.max_code):.6g}, which holds all, or leave --scale out"
+            f"16 bits; give {round_step(largest, bounds.max_code):.6g}, which holds all, or leave `scale` out"
         )
     notes = [
         f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {in_words(scale)} ({origin})"
     ]
-    notes += held
+    notes += held_codes
     # a quantile of about 100 000 frames is as good as one of all frames
     moves = np.subtract(
         *np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)

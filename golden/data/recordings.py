@@ -38,7 +38,7 @@ GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
 RESERVED = (*NOT_GROUPS, "unit", "file", "allow_pickle")
-"""Names that no group may have: those of an archive's own arrays, and of ``numpy.savez_compressed``'s
+"""Names that no group may have: an archive's own arrays, and ``numpy.savez_compressed``'s
 arguments."""
 
 
@@ -269,7 +269,7 @@ class Recordings:
         )
 
     def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
-        """Each recording up to its entry of ``ends``, or up to its own end if that comes first."""
+        """Each recording up to its entry of ``ends``, or up to the recording's end if that comes first."""
         ends = np.minimum(ends, self.lengths)
         samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
         return dataclasses.replace(self, samples=samples, offsets=np.cumsum([0, *ends]))
@@ -342,7 +342,7 @@ def recordings_of(
     *,
     groups: Mapping[str, Any] | None = None,
     scale: Worth | None = None,
-    asked: bool = False,
+    requested: bool = False,
     notes: Sequence[str] = (),
 ) -> Recordings:
     """The recordings that arrays hold, as an archive has them (docs/recordings.md).
@@ -355,7 +355,7 @@ def recordings_of(
         Name -> one value a recording; None: the other arrays of that length.
     scale:
         Value of one code where samples are real numbers and the arrays do not have it; None: chosen
-        (``eskin.golden.data.codes``). asked: as `eskin.golden.data.codes.to_codes`.
+        (``eskin.golden.data.codes``). requested: as `eskin.golden.data.codes.to_codes`.
     notes:
         Sentences about choices that were made before.
 
@@ -379,7 +379,7 @@ def recordings_of(
         frames, *grid = arrays["samples"].shape
         flat = arrays["samples"].reshape(frames, math.prod(grid))
         arrays = arrays | {"samples": flat, "grid_shape": np.array(grid)}
-    samples, volt, scaling = _samples(arrays, source, scale, asked, refuse)
+    samples, volt, scaling = _samples(arrays, source, scale, requested, refuse)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
@@ -413,7 +413,7 @@ def recordings_of(
 
 
 def _samples(
-    arrays: Arrays, source: str, scale: Worth | None, asked: bool, refuse: Refuse
+    arrays: Arrays, source: str, scale: Worth | None, requested: bool, refuse: Refuse
 ) -> tuple[np.ndarray, Worth, list[str]]:
     """The codes, the value of one in volt (0: unknown), and sentences about a scale that was chosen."""
     samples = arrays["samples"]
@@ -451,7 +451,7 @@ def _samples(
             volt or scale,
             names=_channel_names(arrays, samples.shape[1]),
             kinds=_kinds(arrays, samples.shape[1]),
-            asked=asked and not volt,
+            requested=requested and not volt,
         )
     return samples, volt, []
 
@@ -667,7 +667,7 @@ def image_recordings(
 
 
 def _positive_number(value: np.ndarray) -> float | None:
-    """The one finite number above 0 that ``value`` holds, or None."""
+    """The single finite number above 0 that ``value`` holds, or None."""
     if value.size != 1 or value.dtype.kind not in "iuf":
         return None
     number = float(value.reshape(()))

@@ -51,7 +51,7 @@ def _sigmoid(acc: Array) -> Array:
 class Float:
     """Real arithmetic: gates in 0..1, states and values as they are, no rounding and no saturation."""
 
-    one = 1.0
+    unit = 1.0
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._hard = config.network.gate_activation == "hard_sigmoid"
@@ -103,7 +103,7 @@ class Fixed:
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        self.one = float(config.gate_one)
+        self.unit = float(config.gate_one)
         self._sigmoid = sigmoid_table(config).astype(np.float64)
         self._tanh = tanh_table(config).astype(np.float64)
         self._smooth_sigmoid = Float(config).sigmoid
@@ -123,7 +123,7 @@ class Fixed:
     def sigmoid(self, acc: Array) -> Array:
         """``sig[narrow(acc, sigmoid_shift, index_format)]``, a gate code."""
         unit, shift = 2.0**self._config.product_frac, self._config.sigmoid_shift
-        return self._look_up(self._sigmoid, acc, shift, lambda: self._smooth_sigmoid(acc / unit) * self.one)
+        return self._look_up(self._sigmoid, acc, shift, lambda: self._smooth_sigmoid(acc / unit) * self.unit)
 
     def tanh(self, acc: Array) -> Array:
         """``tanh[narrow(acc, tanh_shift, index_format)]``, a state code."""
@@ -156,7 +156,7 @@ class Fixed:
             scaled = np.floor(scaled + 0.5)
         elif shift:
             smooth = scaled
-            # floor has no gradient; the saturation below keeps its own, 0 outside of the format
+            # floor has no gradient; the saturation below keeps a gradient, 0 outside of the format
             scaled = _with_gradient(
                 _library(value).floor(smooth.detach() + 0.5), lambda: smooth, smooth.requires_grad
             )
@@ -205,11 +205,11 @@ def _gru(
     if "bh_n" in pre:
         hn = a.value(apply_rows(u["n"], h) + pre["bh_n"])
         wx = a.value(pre["n"])
-        n = a.tanh_of_state(a.state(r * hn + a.one * wx))
+        n = a.tanh_of_state(a.state(r * hn + a.unit * wx))
     else:
         rh = a.state(r * h)
         n = a.tanh(pre["n"] + apply_rows(u["n"], rh))
-    return (a.state(z * h + (a.one - z) * n),)
+    return (a.state(z * h + (a.unit - z) * n),)
 
 
 def _lstm(
@@ -229,7 +229,7 @@ _CELLS = {"gru": _gru, "lstm": _lstm}
 def _run_linear(a: Arithmetic, parameters: Parameters, features: Array) -> tuple[Array, Array]:
     """l_k = l_(k-1) + V_k x_k from l_0 = b_y. The sum stays in the accumulator's format; each step's logit is
     narrowed from it."""
-    x = a.operand(features).swapaxes(-3, -2)  # steps before touches: a step has weights of its own
+    x = a.operand(features).swapaxes(-3, -2)  # steps before touches: each step has other weights
     sums = apply_rows(parameters["V"], x).cumsum(-3) + a.dense_bias(parameters["b_y"])[..., None, None, :]
     return features[..., :0], a.logit(sums).swapaxes(-3, -2)
 
@@ -247,7 +247,7 @@ def run_cell(
     parameters:
         Name -> tensor (..., rows[, columns]); codes for Fixed.
     features:
-        (..., touches, steps, inputs); the leading dimensions broadcast against those of the parameters.
+        (..., touches, steps, inputs); the leading dimensions broadcast against the parameters' leading dimensions.
 
     Returns
     -------
@@ -262,7 +262,7 @@ def run_cell(
     reset_after = network.cell == "gru" and network.reset == "after"
 
     def bias(gate: str) -> Array:
-        # of the two bias rows of a float reset-after GRU only bh_n stands inside the reset product; those of
+        # of the two bias rows of a float reset-after GRU only bh_n stands inside the reset product; the rows of
         # the other gates are added up
         return p[f"b_{gate}"] + p[f"bh_{gate}"] if gate != "n" and f"bh_{gate}" in p else p[f"b_{gate}"]
 

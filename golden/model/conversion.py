@@ -1,5 +1,5 @@
 """Converters: the codes that a converter makes of a recording, and the samples that the chain gets from them
-(docs/specification.md section 12)."""
+(docs/specification_interfaces.md section 12)."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A decision as the word that a CPU reads (docs/specification.md, section 17)."""
+"""A decision as the word that a CPU reads (docs/specification_interfaces.md, section 17)."""
 
 from collections.abc import Iterable
 

@@ -41,13 +41,13 @@ class ImageTrace(Decisions):
     @property
     def streams(self) -> dict[str, Stream]:
         """Stage -> (values int64, offsets (n + 1)), of an integer run: ``map_N`` flat, channels last, for
-        each layer N whose map is kept (that of a convolution with a pool behind it is not); ``logit`` flat;
+        each layer N whose map is kept (the map of a convolution with a pool behind it is not); ``logit`` flat;
         ``decision`` rows of `eskin.golden.model.pipeline.DECISION_FIELDS`, the local one and then the global
         one."""
         count = len(self.decision)
         streams: dict[str, Stream] = {}
-        for stage, behind in zip(self.config.stages, self.config.stages[1:], strict=False):
-            if not isinstance(behind.layer, Pool):
+        for stage, following in zip(self.config.stages, self.config.stages[1:], strict=False):
+            if not isinstance(following.layer, Pool):
                 values = self.maps[stage.number].reshape(count, -1)
                 streams[f"map_{stage.number}"] = (
                     values.astype(np.int64).ravel(),
@@ -99,8 +99,8 @@ def columns(values: np.ndarray, kernel: int) -> np.ndarray:
 
 
 def pooled(values: np.ndarray) -> np.ndarray:
-    """Largest of 2 x 2 of maps (n, rows, columns, channels); a last odd row or column is a window of its
-    own."""
+    """Largest of 2 x 2 of maps (n, rows, columns, channels); a last odd row or column is a separate
+    window."""
     rows, across = values.shape[1:3]
     padded = np.pad(values, ((0, 0), (0, rows % 2), (0, across % 2), (0, 0)), mode="edge")
     parts = padded.reshape(len(values), padded.shape[1] // 2, 2, padded.shape[2] // 2, 2, values.shape[3])
@@ -118,12 +118,12 @@ def accumulators(stage: Stage, values: np.ndarray, weights: np.ndarray, bias: np
     return patches.astype(np.float64) @ weights.reshape(stage.outputs, -1).T.astype(np.float64) + bias
 
 
-Behind = Callable[[int, np.ndarray], np.ndarray]
+Finish = Callable[[int, np.ndarray], np.ndarray]
 """(number of a layer among those with weights, its sums) -> its output."""
 
 
 def layer_by_layer(
-    config: AcceleratorConfig, arrays: Arrays, values: np.ndarray, behind: Behind
+    config: AcceleratorConfig, arrays: Arrays, values: np.ndarray, finish: Finish
 ) -> Iterator[np.ndarray]:
     """Output of each layer for maps (n, height, width, 1)."""
     numbers = {stage.number: index for index, stage in enumerate(config.weighted_stages)}
@@ -132,7 +132,7 @@ def layer_by_layer(
             values = pooled(values)
         else:
             sums = accumulators(stage, values, arrays[f"W_{stage.number}"], arrays[f"b_{stage.number}"])
-            values = behind(numbers[stage.number], sums)
+            values = finish(numbers[stage.number], sums)
         yield values
 
 
@@ -154,12 +154,12 @@ def float_images(model: FloatModel, images: np.ndarray, *, maps: bool = True) ->
     return _run(model.config, model.arrays, _real(model.config), pixels, maps, np.float64)
 
 
-def _integer(config: AcceleratorConfig) -> Behind:
+def _integer(config: AcceleratorConfig) -> Finish:
     formats, shifts = (*config.image.map_formats, config.formats.logit_format), config.layer_shifts
     return lambda number, sums: narrow(sums.astype(np.int64), shifts[number], formats[number])
 
 
-def _real(config: AcceleratorConfig) -> Behind:
+def _real(config: AcceleratorConfig) -> Finish:
     last = len(config.weighted_stages) - 1
     return lambda number, sums: sums if number == last else np.maximum(sums, 0.0)
 
@@ -172,12 +172,12 @@ def _checked(config: AcceleratorConfig, images: np.ndarray) -> np.ndarray:
 
 
 def _run(
-    config: AcceleratorConfig, arrays: Arrays, behind: Behind, pixels: np.ndarray, keep: bool, kind
+    config: AcceleratorConfig, arrays: Arrays, finish: Finish, pixels: np.ndarray, keep: bool, kind
 ) -> ImageTrace:
     maps_of: dict[int, list[np.ndarray]] = {stage.number: [] for stage in config.stages}
     for begin in range(0, len(pixels), BATCH):
         for stage, values in zip(
-            config.stages, layer_by_layer(config, arrays, pixels[begin : begin + BATCH], behind), strict=True
+            config.stages, layer_by_layer(config, arrays, pixels[begin : begin + BATCH], finish), strict=True
         ):
             if stage.last or keep:
                 maps_of[stage.number].append(

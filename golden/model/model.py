@@ -405,8 +405,8 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None], check: Che
     folder = Path(folder)
     check_model_target(folder)
     try:
-        with replacing_folder(folder, check) as fresh:
-            write(fresh)
+        with replacing_folder(folder, check) as draft:
+            write(draft)
     except OSError as error:
         raise InputError(
             f"model '{folder}': cannot be written ({error.strerror}); name a folder you may write to"

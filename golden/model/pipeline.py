@@ -55,7 +55,7 @@ class Trace(Decisions):
     (values int64, offsets (R + 1)): ``sum`` and ``feature`` flat, step by step, inputs in order, and with a
     fault detector ``fault``: 1 where the taxel is masked or its flag counts; ``state`` flat, h' step by step,
     units in order; ``logit`` flat, step by step, classes in order; ``decision`` rows (events, 6) of
-    DECISION_FIELDS: a row per step, and after that of global_step the global row (step = global_step).
+    DECISION_FIELDS: a row per step, and after the row of global_step the global row (step = global_step).
     Touches of a recording in order of time.
     """
 
@@ -96,7 +96,7 @@ class Trace(Decisions):
         """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one
         of global_step."""
         steps = np.broadcast_to(np.arange(self.local.shape[1]), self.local.shape)
-        # + 0.5: after the local decision of its step and before that of the next step
+        # + 0.5: after the local decision of its step and before the decision of the next step
         return np.argsort(
             np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable"
         )
@@ -335,7 +335,7 @@ def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:
 
 
 def _decision_stream(trace: Trace) -> Stream:
-    """Rows of DECISION_FIELDS: the local rows of each touch, its global row after that of global_step."""
+    """Rows of DECISION_FIELDS: the local rows of each touch, its global row after the row of global_step."""
     touches, (n, steps) = trace.touches, trace.local.shape
     rows = np.zeros((n, steps + 1, len(DECISION_FIELDS)), dtype=np.int64)
     # columns are DECISION_FIELDS; until they are ordered a touch's local rows come first, its global one last

@@ -1,4 +1,4 @@
-"""Position of the touch, frame by frame, and direction of a slide: docs/specification.md section 13."""
+"""Position of the touch, frame by frame, and direction of a slide: docs/specification_interfaces.md section 13."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ FRACTION = 4
 class Position:
     """Position of the touch in a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of
     column or row 0. peak: index of the largest cell. ended: True in the frame after the last one of a touch;
-    x, y and peak are then those of the last one. direction: as of `direction`, if ``ended``."""
+    x, y and peak are then the last touched frame's. direction: as of `direction`, if ``ended``."""
 
     frame: int
     x: int

@@ -4,8 +4,8 @@ vectorised over recordings.
 Recordings come as the source made them, or thinned to the frames that the chain takes (`Recordings.scanned`);
 everything here counts the frames that it takes.
 
-This module is the reference for those sections and for the fault detector (docs/specification.md, section
-10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
+This module is the reference for those sections and for the fault detector (docs/specification_interfaces.md,
+section 10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Touches:
 def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int], ...]:
     """First and last frame, 1-based from the start of window 1, of ``steps`` windows.
 
-    The first ``config.windows.steps`` are those of the configuration; later ones go on at the same hop with
+    The first ``config.windows.steps`` are the configuration's windows; later ones go on at the same hop with
     the full window length.
     """
     further = (
@@ -118,7 +118,7 @@ def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int]
 @dataclass(frozen=True)
 class Ended:
     """A touch of ``window_mode`` whole that has ended; frames are 1-based. start: its first; loud: its last that
-    met the onset rule; end: the one with which it ended; cut: because the recording did."""
+    met the onset rule; end: its last; cut: because the recording did."""
 
     start: int
     loud: int
@@ -143,13 +143,13 @@ def divided(config: AcceleratorConfig, ended: Ended) -> Windows:
     count = min(max(-((ended.start - 1 - ended.loud) // hop), 1), frames // hop)
     if not count:
         return ((1, OPEN),) * steps, np.zeros(steps, dtype=np.int64), 0
-    first, behind = (np.arange(steps) + more for more in (0, 1))
+    first, stop = (np.arange(steps) + more for more in (0, 1))
     if count < steps:  # a sum each, the last one again
-        first, behind = np.minimum(first, count - 1), np.minimum(behind, count)
+        first, stop = np.minimum(first, count - 1), np.minimum(stop, count)
     else:
-        first, behind = first * count // steps, behind * count // steps
-    spans = zip((first * hop + 1).tolist(), (behind * hop).tolist(), strict=True)
-    return tuple(spans), behind - first - 1, doublings
+        first, stop = first * count // steps, stop * count // steps
+    spans = zip((first * hop + 1).tolist(), (stop * hop).tolist(), strict=True)
+    return tuple(spans), stop - first - 1, doublings
 
 
 def find_touches(
@@ -395,7 +395,7 @@ def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: in
     if config.features.activity_rule == "sum" or not len(of_touch):
         return np.abs(of_touch)
     reads_back = config.windows.window_mode == "free" and lead > 0
-    # without a block before, the first is its own predecessor: it changes by 0
+    # without a block before, the first is compared with itself: it changes by 0
     before = blocks(deviations[lead - block : lead]) if reads_back else of_touch[:1]
     return np.abs(np.diff(np.concatenate([before, of_touch]), axis=0))
 
@@ -422,9 +422,9 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
 
 
 class TouchFinder:
-    """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings
-    side by side, as they stand after the frames seen so far. Frames come in pieces of any length, and how
-    they are cut changes nothing.
+    """Rest level, onset detector and fault detector (docs/specification.md, section 2;
+    docs/specification_interfaces.md, section 10) of recordings side by side, as they stand
+    after the frames seen so far. Frames come in pieces of any length, and how they are cut changes nothing.
 
     Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches
     of its recording ended.
@@ -492,11 +492,11 @@ class TouchFinder:
         settle, tracked = config.rest_level.rest_frames, config.rest_level.rest == "tracked"
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
-        held = len(self._recent)
-        # deviations that the onset rule still needs, then those of these frames
-        history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)
-        history[:held] = self._recent
-        deviations = history[held:]  # a view: the rule reads what is written here
+        recent = len(self._recent)
+        # deviations that the onset rule still needs, then the deviations of these frames
+        history = np.zeros((recent + len(samples), *samples.shape[1:]), dtype=np.int32)
+        history[:recent] = self._recent
+        deviations = history[recent:]  # a view: the rule reads the deviations written here
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)
@@ -525,7 +525,7 @@ class TouchFinder:
                     self._track(samples, deviations, first, before, last)
                 break
         self._end_longest(last, lengths)
-        self._recent = history[len(history) - held :].copy()
+        self._recent = history[len(history) - recent :].copy()
         return deviations, touches
 
     def finish(self, lengths: np.ndarray) -> None:
@@ -538,7 +538,7 @@ class TouchFinder:
         self._end(ends <= np.minimum(last, lengths), ends)
 
     def _end(self, which: np.ndarray, ends: np.ndarray, *, cut: bool = False) -> None:
-        """End those of the touches under way with their frames ``ends`` (recordings)."""
+        """End the touches under way with their frames ``ends`` (recordings)."""
         for index in np.flatnonzero(which & (self.end == OPEN)).tolist():
             start, end = int(self._start[index]), int(ends[index])
             self.ended[index, start] = Ended(start, min(int(self._loud[index]), end), end, cut)
@@ -587,7 +587,7 @@ class TouchFinder:
         """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of
         touches that begin."""
         rule = self.config.onset_rule
-        # flags are found for all frames of a push at once: those of later frames do not count yet
+        # flags are found for all frames of a push at once: flags of later frames do not count yet
         sound = (self.flagged == 0) | (self.flagged > judged)
         self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
         own = self._hits.sum(axis=0) >= rule.onset_hits
@@ -614,14 +614,17 @@ class TouchFinder:
         block = self.config.faults.fault_frames
         if not block:
             return
-        held = np.concatenate([self._block, samples]) if len(self._block) else samples
+        samples_so_far = np.concatenate([self._block, samples]) if len(self._block) else samples
         first = self.frames - len(self._block)
-        for stop in range(block, len(held) + 1, block):
+        for stop in range(block, len(samples_so_far) + 1, block):
             last = first + stop
             if last - block >= self.config.rest_level.rest_frames:
-                failed = activity(self.config, held[stop - block : stop]) <= self.config.faults.fault_activity
+                failed = (
+                    activity(self.config, samples_so_far[stop - block : stop])
+                    <= self.config.faults.fault_activity
+                )
                 self.flagged[failed & (self.flagged == 0) & (last <= lengths)[:, None]] = last
-        self._block = held[len(held) // block * block :].copy()
+        self._block = samples_so_far[len(samples_so_far) // block * block :].copy()
 
 
 def scans(
@@ -630,9 +633,9 @@ def scans(
     forced: np.ndarray | None = None,
     most: int | None = None,
 ) -> Iterator[tuple[int, int, np.ndarray, list[tuple[int, int, int]], TouchFinder]]:
-    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
+    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first recording, the recording behind the
     last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
-    in order, and the detectors as each recording leaves its own."""
+    in order, and the detectors as each recording leaves them."""
     recordings = recordings.scanned(config.sensor.scan_every)
     lengths, taxels = recordings.lengths, config.sensor.taxels
     for first, last in _batches(lengths, taxels, most):

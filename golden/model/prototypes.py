@@ -1,5 +1,5 @@
 """The prototype readout: a touch gets the class of the nearest stored trajectory, and is taught by storing
-its trajectory (docs/specification.md, section 18).
+its trajectory (docs/specification_interfaces.md, section 18).
 
 A trajectory is the hidden state (linear cell: the logits) after each step of a touch, rounded to a few bits.
 """
@@ -87,12 +87,12 @@ def check_teachable(config: AcceleratorConfig) -> None:
     if not config.has_prototypes:
         raise InputError(
             f"model '{config.name}', field readout: is 'dense', which cannot be taught; quantise it "
-            "with --readout prototypes first, or enrol without --teach"
+            "with `readout` prototypes first, or enrol without `teach`"
         )
     if not config.readout_rule.taught:
         raise InputError(
             f"model '{config.name}', field taught: is 0, so there is no slot for a touch; quantise it with "
-            "--taught 3"
+            "`taught` 3"
         )
 
 
@@ -124,7 +124,7 @@ def teach(model: IntegerModel, codes: np.ndarray, label: int | str) -> IntegerMo
 
 
 def forget(model: IntegerModel, label: int | str | None = None) -> IntegerModel:
-    """The model without the taught touches of class ``label``; None: without those of every class.
+    """The model without the taught touches of class ``label``; None: without the taught touches of every class.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """A model that takes frames one by one and decides at the same frame as the hardware does.
 
-docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule come from
 ``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for
 ever.
 """
@@ -327,8 +327,8 @@ class Stream:
                 - self._before
                 - self._base
             )
-            held = before - self._base - needed
-            self._kept[:held] = self._kept[needed : needed + held].copy()
+            excess = before - self._base - needed
+            self._kept[:excess] = self._kept[needed : needed + excess].copy()
             self._base += needed
             stop -= needed
         self._kept[stop - len(deviations) : stop] = deviations
@@ -355,8 +355,8 @@ class Stream:
     def _step(self, touch: _Touch, last: int) -> list[Decision]:
         """The decisions of the touch's next window, whose last frame is ``last``."""
         config, k, start = self.config, touch.completed, touch.start_frame - self._base
-        kept, spans = self._kept[: last - self._base], touch.spans[: k + 1]
-        touch.sums[k] = window_values(config, kept, start, spans, touch.doublings)[0][k]
+        frames, spans = self._kept[: last - self._base], touch.spans[: k + 1]
+        touch.sums[k] = window_values(config, frames, start, spans, touch.doublings)[0][k]
         last = touch.ended.end if touch.ended else last
         flagged = self._front.flagged[0]
         touch.faults[k] = np.repeat((flagged > 0) & (flagged <= last), config.kinds)
@@ -397,7 +397,7 @@ class Stream:
         """Decisions of the model from the windows that are complete."""
         # a linear cell has weights for each step, so it gets them all; open windows are 0 and do not count
         steps = touch.completed if self.config.recurrent else self.config.windows.steps
-        alone = Touches(
+        single = Touches(
             recordings=1,
             recording=np.zeros(1, dtype=np.int64),
             onset_frame=np.array([touch.onset_frame]),
@@ -408,7 +408,7 @@ class Stream:
             faults=touch.faults[None, :steps] if self.config.faults.fault_frames else None,
             lengths=None if touch.lengths is None else touch.lengths[None, :steps],
         )
-        return decide_touches(self.model, alone)
+        return decide_touches(self.model, single)
 
     def _global(self, touch: _Touch, decided: Decided, frame: int, *, partial: bool) -> Decision:
         touch.decided = True

@@ -1,7 +1,7 @@
 """The integer network on int64 tensors of torch: the reference of the co-simulation.
 
 The cells are the code of `eskin.golden.model.cells`, with which the float network is trained too; here they
-run on integers. Everything else of the trace (front end, decisions) is that of `eskin.golden.model.pipeline`.
+run on integers. Everything else of the trace (front end, decisions) comes from `eskin.golden.model.pipeline`.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ class Int64(Fixed):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         super().__init__(config)
-        self.one = int(config.gate_one)
+        self.unit = int(config.gate_one)
 
     def operand(self, feature: torch.Tensor) -> torch.Tensor:
         """``feature << feature_align``."""

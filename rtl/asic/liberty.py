@@ -175,7 +175,7 @@ def text_of(path: Path) -> str:
         fault = error.strerror or "is no gzip file"
     except (UnicodeDecodeError, EOFError, zlib.error):
         fault = "is not text"
-    raise InputError(f"--liberty {path}: {fault}; give a Liberty file (.lib or .lib.gz)")
+    raise InputError(f"`liberty` {path}: {fault}; give a Liberty file (.lib or .lib.gz)")
 
 
 def parse(text: str) -> Group:
@@ -226,7 +226,7 @@ def read(path: Path) -> Library:
     except ValueError as error:
         fault = " ".join(str(error).split())  # a quote that nobody closes goes on over lines
         raise InputError(
-            f"--liberty {path}: is no Liberty file ({fault}); give the process's .lib or .lib.gz"
+            f"`liberty` {path}: is no Liberty file ({fault}); give the process's .lib or .lib.gz"
         ) from None
 
 
@@ -274,23 +274,23 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
     InputError
         No file has standard cells at the typical corner, or two have.
     """
-    held: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
+    found: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
     for library in libraries:
-        held["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
+        found["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
             library
         )
-    for corner, files in held.items():
+    for corner, files in found.items():
         logic = [library.path.name for library in files if library.holds_logic]
         if len(logic) > 1:
             raise InputError(
-                f"--liberty: {logic[0]} and {logic[1]} both hold cells of the {corner} corner; give one of "
+                f"`liberty`: {logic[0]} and {logic[1]} both hold cells of the {corner} corner; give one of "
                 "them"
             )
         if corner == "typ" and not logic:
             raise InputError(
-                "--liberty: no file holds standard cells of the typical corner (about 25 C); add it"
+                "`liberty`: no file holds standard cells of the typical corner (about 25 C); add it"
             )
-    return held
+    return found
 
 
 def _wire_load(group: Group, farad: float) -> WireLoad:

@@ -40,7 +40,7 @@ class Nets:
 @dataclass(frozen=True, kw_only=True)
 class Costs:
     """joule, kind: of a change of each net by its number; of a cycle for nets of kind ``clock``, which gates
-    drive. Other kinds are those of the cells that drive them. root_j: a cycle of the clock's first net, which no
+    drive. Other nets have the kind of the cell that drives them. root_j: a cycle of the clock's first net, which no
     gate stops."""
 
     joule: Mapping[int, float]

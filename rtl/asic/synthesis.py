@@ -29,8 +29,8 @@ ONE_PORT, BITS_OF_MACROS = ("pretrigger_ring", "readout.places"), 2048
 than these."""
 
 BITS_OF_A_GATE = 3
-"""Flip-flops from which on a clock gate of their own saves energy: its own pin costs about as much as one of
-theirs."""
+"""Flip-flops from which on a separate clock gate saves energy: the gate's pin costs about as much as a flip-flop's
+pin."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,11 +75,11 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
         An unknown process, another one's file, or a cell that is needed and missing.
     """
     if pdk not in HINTS:
-        raise InputError(f"--pdk {pdk}: is unknown; use {' or '.join(HINTS)}")
+        raise InputError(f"`pdk` {pdk}: is unknown; use {' or '.join(HINTS)}")
     library = next(file for file in libraries if file.holds_logic)
     if not any(name.startswith(HINTS[pdk]["name"]) for name in library.cells):
         raise InputError(
-            f"--liberty {library.path}: holds no cells of {pdk}; give that process's file, or its own --pdk"
+            f"`liberty` {library.path}: holds no cells of {pdk}; give that process's file, or its own `pdk`"
         )
     cells = library.cells.values()
 
@@ -87,7 +87,7 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
         chosen = min(candidates, key=lambda cell: cell.area, default=None)
         if chosen is None:
             raise InputError(
-                f"--liberty {library.path}: has no {role}, which the design needs; give a file with all "
+                f"`liberty` {library.path}: has no {role}, which the design needs; give a file with all "
                 f"cells of {pdk}"
             )
         return chosen

@@ -54,7 +54,7 @@ def round_half_up(value: Value, shift: int) -> Value:
 
 
 def narrow(value: Value, shift: int, fmt: QFormat) -> Value:
-    """The one narrowing of the datapath: RND by ``shift`` bits, then SAT into ``fmt``."""
+    """The narrowing that all of the datapath uses: RND by ``shift`` bits, then SAT into ``fmt``."""
     return saturate(round_half_up(value, shift), fmt)
 
 
@@ -97,13 +97,13 @@ def logarithm(m: Module, companded: Signal, biased: Signal, knee: int, fraction:
     """
     for exponent in range(knee, len(biased)):  # the last that holds a one wins
         below = biased[:exponent]
-        taken = (
+        chosen = (
             below[exponent - fraction :]
             if exponent >= fraction
             else Cat(Const(0, fraction - exponent), below)
         )
         with m.If(biased[exponent]):
-            m.d.comb += companded.eq(Cat(taken, Const(exponent - knee, len(biased))))
+            m.d.comb += companded.eq(Cat(chosen, Const(exponent - knee, len(biased))))
 
 
 def _cast(value: Value, shape: Shape) -> Value:

@@ -42,14 +42,14 @@ def drive(m: Module, part: Any, **values: Any) -> None:
 
 
 def members_but(part: wiring.Component, *names: str) -> dict[str, wiring.Member]:
-    """Members of ``part`` without those of these ``names``."""
+    """Members of ``part`` without these ``names``."""
     return {name: member for name, member in part.signature.members.items() if name not in names}
 
 
 def bare(
     design: wiring.Component, hidden: Sequence[str]
 ) -> tuple[Module, dict[str, tuple[Value, PortDirection]]]:
-    """A module around ``design``, and the ports that it has as a top, by name: those of ``design`` whose names begin with
+    """A module around ``design``, and the ports that it has as a top, by name: the ports of ``design`` whose names begin with
     none of ``hidden``. A hidden input keeps its reset value."""
     m = Module()
     m.submodules.accelerator = design
@@ -62,7 +62,7 @@ def bare(
 
 
 def forward(m: Module, owner: wiring.Component, part: wiring.Component, *names: str) -> None:
-    """Wire members of ``part`` to those of the same names of ``owner``: ``names``, by default all that both have."""
+    """Wire members of ``part`` to the members of ``owner`` with the same names: ``names``, by default all that both have."""
     for name, member in part.signature.members.items():
         if name not in (names or owner.signature.members):
             continue

@@ -1,5 +1,5 @@
 """Checks of the host's registers: their parity, and the end of each memory that is loaded
-(docs/specification.md section 11)."""
+(docs/specification_interfaces.md section 11)."""
 
 from amaranth.hdl import Cat, Module, Signal, Value
 

@@ -39,6 +39,8 @@ class Classifier(Block):
     finish : In(1)
         Pulse while idle: the recording has ended; a touch with at least one step gets its global decision,
         marked partial.
+    longest : In(1)
+        ``window_mode`` whole: the touch was the longest, so its decision is marked partial.
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     far : In(1), only with ``unknown_above``
@@ -50,7 +52,7 @@ class Classifier(Block):
 
     def ports(self, config: AcceleratorConfig):
         return (
-            inputs("finish", logit=struct("valid", value=signed(config.score_format.width)))
+            inputs("finish", "longest", logit=struct("valid", value=signed(config.score_format.width)))
             | outputs("idle", "ended", o=stream.Signature(decision_layout(config)))
             | (inputs("far") if config.readout_rule.unknown_above else {})
         )
@@ -74,9 +76,9 @@ class Classifier(Block):
         )
         finished = self.finished = Signal()  # one cycle after `finish`, which comes late in its cycle
         step_done = self.logit.valid & last
-        taken = offered & self.o.ready
+        accepted = offered & self.o.ready
         closes = Signal()
-        local_taken = taken & ~is_global
+        local_taken = accepted & ~is_global
         final = Signal()
         ends = finished | (local_taken & final)
         if config.network.decision == "early":
@@ -86,11 +88,11 @@ class Classifier(Block):
             drive(m, early, best=best, margin=margin, taken=local_taken, ended=self.ended)
             m.d.comb += [
                 closes.eq((ends | (local_taken & decides)) & ~given),
-                self.ended.eq((taken & is_global & (final | partial)) | (ends & given)),
+                self.ended.eq((accepted & is_global & (final | partial)) | (ends & given)),
             ]
-            m.d.sync += given.eq((given | (taken & is_global)) & ~self.ended)
+            m.d.sync += given.eq((given | (accepted & is_global)) & ~self.ended)
         else:
-            m.d.comb += [closes.eq(ends), self.ended.eq(taken & is_global)]
+            m.d.comb += [closes.eq(ends), self.ended.eq(accepted & is_global)]
         unsure = below_threshold(config, margin)
         if config.readout_rule.unknown_above:
             unsure |= self.far
@@ -108,7 +110,7 @@ class Classifier(Block):
             margin=margin_units(config, margin, is_global) if config.wide_decisions else margin,
             step=step,
             is_global=is_global,
-            partial=partial,
+            partial=partial | is_global & self.longest,
             unsure=is_global & unsure,
         )
         m.d.sync += [
@@ -122,9 +124,9 @@ class Classifier(Block):
         ]
         with m.If(search.found):
             m.d.sync += [offered.eq(1), is_global.eq(voting)]
-        with m.If(taken):
+        with m.If(accepted):
             m.d.sync += offered.eq(0)
-        with m.If(taken & ~closes):
+        with m.If(accepted & ~closes):
             m.d.sync += busy.eq(0)
         with m.If(closes):
             both = (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
@@ -135,7 +137,7 @@ class Classifier(Block):
             if config.network.decision == "early":
                 m.d.sync += busy.eq(0)
         if config.network.decision == "vote":
-            with m.If(taken & ~is_global):
+            with m.If(accepted & ~is_global):
                 m.d.sync += votes[best].eq(votes[best] + 1)
             with m.If(tallying):
                 drive(m, search.score, valid=1, value=votes[number])

@@ -1,4 +1,4 @@
-"""The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
+"""The nearest stored trajectory of a touch, and touches that are stored (docs/specification_interfaces.md, section 18)."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -56,7 +56,7 @@ class PrototypeReadout(Block):
     the touch into the slot of a taught one.
 
     The codes are in one memory, step by step, place by place, value by value, so that a step begins where the
-    one before ended and a single counter addresses all of a touch. With places for taught touches the first
+    step before ended and a single counter addresses all of a touch. With places for taught touches the first
     place of each step is the touch's own: it is written there as it comes. Teaching goes through the memory
     once and copies it, while no touch is open.
 
@@ -178,12 +178,12 @@ class PrototypeReadout(Block):
             m, "places", unsigned(stored), words, attrs=prototypes_memory(config, platform, words)
         )
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
-        asked: Value = loads  # the address is the host's
+        wanted: Value = loads  # the address is the host's
         reads: Value = reading
         if teaches:
             looks = self.commands.look & self.idle
-            asked, reads = loads | looks, reading | looks
-        beyond = Signal()  # the host's address is that of a class's number
+            wanted, reads = loads | looks, reading | looks
+        beyond = Signal()  # the host's address is a class's number
         written = self.written = Signal()
         at = Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
@@ -195,7 +195,7 @@ class PrototypeReadout(Block):
         m.d.comb += [
             beyond.eq(exceeds(self.load.address, words - 1)),
             written.eq(((head & ~teaching) | (body & target)) & sound),
-            at.eq(Mux(asked, self.load.address, address)),
+            at.eq(Mux(wanted, self.load.address, address)),
         ]
         drive(m, read, addr=at, en=reads)
         m.d.comb += reading.eq(Mux(teaching, head, body))
@@ -318,7 +318,9 @@ class PrototypeReadout(Block):
                 m.d.sync += register.eq(value)
         if checks:
             odd = comparing & (read.data.xor() ^ codes[:stored].xor())
-            counted = (address.xor() ^ _odd_of_next(address)) & ~back  # its own sum would take a second adder
+            counted = (
+                address.xor() ^ _odd_of_next(address)
+            ) & ~back  # a separate sum would take a second adder
             guards += [
                 parity_wrong(m, register, changes, counted if register is address else value)
                 for register, changes, value in registers

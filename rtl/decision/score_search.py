@@ -128,7 +128,7 @@ class SearchOnce(Search):
         exceeds = difference[-1]  # strictly: ties stay with the lowest class
         with m.If(arriving & (first | exceeds)):
             m.d.sync += [below.eq(~new), best.eq(compared)]
-        # The next cycle. A new largest score has its margin over the one before, which was at least as near
+        # The next cycle. A new largest score has its margin over the largest before, which was at least as near
         # as any other. The first score has the largest margin there is.
         m.d.sync += [judged.eq(arriving), ending.eq(arriving & (compared == last_class))]
         with m.If(arriving):

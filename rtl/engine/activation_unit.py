@@ -25,10 +25,10 @@ class ActivationUnit(Block):
     enable : In(1)
         Look up in this cycle; otherwise the answers stay.
     gate : Out(signed), not_state : Out(signed)
-        Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one
-        that was asked for counts.
+        Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the
+        function that was asked for counts.
     walk : In(1)
-        With ``checksum``: the table is idle. Look up the entry after the one that was last looked up this
+        With ``checksum``: the table is idle. Look up the entry after the entry that was last looked up this
         way.
     wrong : Out(1)
         With ``checksum``: the entry looked up last does not have its parity; unknown before the first.

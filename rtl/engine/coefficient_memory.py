@@ -1,12 +1,12 @@
 """Second operands of element-wise products: gates, which the step writes, and constants, which the host
 loads.
 
-Gates are those of docs/specification.md, section 5.
+Gates: docs/specification.md, section 5.
 """
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 
@@ -15,6 +15,7 @@ from eskin.rtl.common import NO_COLLISION, begins_as_told, drive, inputs, load_l
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Layout
+from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS
 
 
 class CoefficientMemory(wiring.Component):
@@ -58,7 +59,7 @@ class CoefficientMemory(wiring.Component):
                 write_data=signed(config.gate_format.width),
                 load=load_signature(config),
             )
-            | outputs(gate=signed(16), constant=signed(16))
+            | outputs(gate=signed(ELEMENT_OPERAND_BITS), constant=signed(ELEMENT_OPERAND_BITS))
         )
 
     def elaborate(self, platform):
@@ -73,17 +74,12 @@ class CoefficientMemory(wiring.Component):
             & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
             & int(config.hardware.loadable)
         )
-        offset = self.load.address[: (layout.gate_depth - layout.constants - 1).bit_length()]
         apart = layout.shared and bool(layout.program.gate_regions)
-        to = (
-            Cat(offset, Const(0, layout.constants.bit_length() - 1 - len(offset)), 1)
-            if apart
-            else Const(layout.constants) | offset
-        )
+        to = Const(layout.constants) | self.load.address  # zeros where offsets have bits
 
         def memory(name: str, init: list[int]) -> tuple:
             m.submodules[name] = part = Memory(
-                shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION
+                shape=signed(ELEMENT_OPERAND_BITS), depth=layout.gate_depth, init=init, attrs=NO_COLLISION
             )
             read = part.read_port()
             drive(m, read, addr=self.address, en=self.enable)
@@ -112,13 +108,13 @@ class CoefficientMemory(wiring.Component):
         constant_read = Signal()  # a constant was addressed
         is_constant = self.address >= layout.constants if layout.constants else Const(1, 1)
         m.submodules.constants = constants = Memory(
-            shape=signed(16),
+            shape=signed(ELEMENT_OPERAND_BITS),
             depth=layout.constant_words,
             init=self._image,
-            attrs=NO_COLLISION if config.hardware.loadable else {},
+            attrs=NO_COLLISION,
         )
         read = constants.read_port()
-        drive(m, read, addr=self.address - layout.constants, en=self.enable & is_constant)
+        drive(m, read, addr=self.address, en=self.enable & is_constant)
         m.d.comb += self.constant.eq(Mux(constant_read, read.data, 0))
         with m.If(self.enable):
             m.d.sync += constant_read.eq(is_constant)

@@ -7,6 +7,7 @@ from amaranth.lib import wiring
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import drive, inputs, narrow, outputs, saturate
 from eskin.rtl.program.scheduler import Schedule
+from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS
 
 
 class ElementwiseUnit(wiring.Component):
@@ -55,7 +56,7 @@ class ElementwiseUnit(wiring.Component):
                 acc=signed(config.elementwise_bits),
             )
             | outputs(
-                a=signed(16),
+                a=signed(ELEMENT_OPERAND_BITS),
                 load=signed(config.elementwise_bits),
                 code=signed(config.formats.feature_format.width),
                 result=signed(config.operand_bits),
@@ -72,7 +73,7 @@ class ElementwiseUnit(wiring.Component):
         # sum comes with a difference of 0, so an exclusive or selects between them in the adder's own cells.
         # T comes as a complement, and -T = not_t + 1. The + 1 is always there; where nothing is subtracted it
         # cancels the -1.
-        difference = Signal(signed(16))
+        difference = Signal(signed(ELEMENT_OPERAND_BITS))
         m.d.comb += difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1)
         drive(
             m,

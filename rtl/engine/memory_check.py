@@ -1,4 +1,4 @@
-"""Checksum over the constants in the engine's memories: docs/specification.md section 11."""
+"""Checksum over the constants in the engine's memories: docs/specification_interfaces.md section 11."""
 
 from functools import reduce
 from operator import xor
@@ -50,9 +50,9 @@ class MemoryCheck(Block):
             word=control_layout(code),
             weights=config.hardware.lanes * config.weight_bits,
             addend=config.accumulator_bits,
-            gate=16,
-            operand=16,
-            blank=16,
+            gate=WIDTH,
+            operand=WIDTH,
+            blank=WIDTH,
         ) | outputs("fault")
 
     def elaborate(self, platform):
@@ -87,7 +87,7 @@ class MemoryCheck(Block):
                     (word.addend < biases) | ((word.addend == plan.half_address) & plan.shared)
                 )
             addend = Mux(addend_read, addend, 0)
-        signature = Signal(WIDTH, init=START)
+        signature = Signal(WIDTH)
         advanced = Cat(0, signature[:-1]) ^ Mux(signature[-1], TAPS, 0)
         read = Mux(weight_read, folded(self.weights), 0) ^ addend ^ Mux(constant_read, self.gate, 0)
         with m.If(self.enable):

@@ -24,7 +24,7 @@ class RowChain(wiring.Component):
     load : Out(array of signed(accumulator_bits))
         Addends for the lanes, in place after as many shifts as there are lanes.
     total : Out(signed(accumulator_bits))
-        After a swap the sum of lane 0, after p shifts that of lane p.
+        After a swap the sum of lane 0, after p shifts the sum of lane p.
     """
 
     def __init__(self, accumulator_bits: int, count: int):
@@ -39,7 +39,7 @@ class RowChain(wiring.Component):
         lanes = len(self.acc)
         links = [Signal(self.total.shape(), name=f"link_{lane}", reset_less=True) for lane in range(lanes)]
         with m.If(self.tick & (self.swap | self.shift)):
-            for lane, (link, behind) in enumerate(zip(links, [*links[1:], self.addend], strict=True)):
-                m.d.sync += link.eq(Mux(self.swap, self.acc[lane], behind))
+            for lane, (link, following) in enumerate(zip(links, [*links[1:], self.addend], strict=True)):
+                m.d.sync += link.eq(Mux(self.swap, self.acc[lane], following))
         m.d.comb += [self.total.eq(links[0]), *(self.load[lane].eq(link) for lane, link in enumerate(links))]
         return m

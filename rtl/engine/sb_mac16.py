@@ -10,10 +10,10 @@ ICE40 = "ice40"
 
 
 class DspLane(wiring.Component):
-    """`eskin.rtl.engine.lanes.lane_signature` on one SB_MAC16 with registered operands and its own 32-bit
+    """`eskin.rtl.engine.lanes.lane_signature` on one SB_MAC16 with registered operands and the block's 32-bit
     accumulator.
 
-    A lane that accumulates loads its accumulator in a slot of its own: the schedule's gap keeps ``swap`` and
+    A lane that accumulates loads its accumulator in a separate slot: the schedule's gap keeps ``swap`` and
     ``valid`` apart. Otherwise the load comes in through the registers of inputs C and D and is added to the
     product.
 

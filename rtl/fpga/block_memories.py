@@ -14,7 +14,7 @@ memories; most words of a ROM that becomes LUTs."""
 
 
 def _accelerator(config: AcceleratorConfig) -> Accelerator:
-    # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no
+    # Neither the shifts of the normaliser nor the filling of the memories changes their sizes; presets have no
     # shifts before quantising.
     return Accelerator(
         config.replace(

@@ -117,7 +117,7 @@ def cell_blocks(packed: Record, signals: dict[str, str], border: str = "") -> di
             del votes[TOP]  # not the harness' own, though the harness may read it
         if votes:
             owner[name] = _most(votes)
-    # backwards from what is known; what nobody reads then goes with what it reads
+    # backwards from the known blocks; a cell that nobody reads then goes with the cells it reads
     join(owner, drives, readers, TOP if border else "")
     join(owner, reads, {bit: [name] for bit, name in writer.items()}, TOP if border else "")
     outside = drives.keys() - owner.keys()  # a pin, a constant, what the border's own ports are made of
@@ -136,8 +136,8 @@ def join(
     while settled:
         settled = {}
         for name in ends.keys() - owner.keys():
-            near = (owner.get(other) for bit in ends[name] for other in neighbours.get(bit, ()))
-            if votes := Counter(block for block in near if block and block != never):
+            owners = (owner.get(other) for bit in ends[name] for other in neighbours.get(bit, ()))
+            if votes := Counter(block for block in owners if block and block != never):
                 settled[name] = _most(votes)
         owner |= settled
 

@@ -97,8 +97,8 @@ def generate(
     them), load.hex (bus writes that load the model: address and word), registers.json, registers.h,
     eskin.rdl (`eskin.rtl.program.register_files`); with vectors: test_accelerator.py (a cocotb
     bench), its Makefile and vectors.npz; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
-    (load.hex for it); with streams alone eskin_axis.sv. Of these modules the one that a system takes, the
-    last one named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
+    (load.hex for it); with streams alone eskin_axis.sv. Of these modules the module that a system takes, the
+    last named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
     has what Verilator's lint shall pass over.
 
     Raises
@@ -110,17 +110,17 @@ def generate(
     """
     out, converter = Path(out), config.interface.converter.name
     if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
-        raise InputError(f"{out}: is a folder with other files in it; give a new folder with --out")
+        raise InputError(f"{out}: is a folder with other files in it; give a new folder with `out`")
     if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a new folder with --out")
+        raise InputError(f"{out}: is a file; give a new folder with `out`")
     if top is not None:
-        check_prefix("--top", top)
+        check_prefix("`top`", top)
         if bus and top in HEADERS.split():
             raise InputError(
-                f"--top {top}: names the driver {top}.h, which would hide another header; give another name"
+                f"`top` {top}: names the driver {top}.h, which would hide another header; give another name"
             )
     if axis and converter != "none":
-        raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
+        raise InputError(f"`streams`: frames come from the converter '{converter}'; leave it out")
     images = rom(config, arrays)
     modules: list[tuple[str, Callable[..., Any]]] = [(TOP, Accelerator)]
     if converter != "none":

@@ -1,9 +1,9 @@
 """Readable Verilog from Yosys' text: an expression that is used once is written where it is used, and
 remaining wires have names.
 
-Yosys gives each operation of a design its own wire, ``_012_``. One that is used once becomes the
+Yosys gives each operation of a design a wire, ``_012_``. One that is used once becomes the
 expression that it stands for. In braces, or in parentheses where those mean the same, its width does not
-depend on what is around it; where they could not give it the wire's own width it stays a wire.
+depend on the text around it; where they could not give it the wire's own width it stays a wire.
 """
 
 import re
@@ -89,7 +89,7 @@ def _inlined(text: str) -> str:
         begin = line.index("=") + 1 if assigned else 0
         declares = _DECLARED.match(line)
         out.append(line if declares else line[:begin] + spelt(line[begin:], LONGEST))
-    kept = [
+    lines = [
         line
         for line in out
         if not (
@@ -97,7 +97,7 @@ def _inlined(text: str) -> str:
             and own[1] in gone
         )
     ]
-    return "\n".join(kept)
+    return "\n".join(lines)
 
 
 _SIGNAL = r"([A-Za-z]\w*|[A-Za-z_]\w*[A-Za-z]\w*)(?: ?\[\d+(?::\d+)?\])?"
@@ -118,28 +118,28 @@ _CALLED = (
 
 def _wires_named(text: str) -> str:
     """Remaining wires are named after the register that takes them or after their operands."""
-    taken, names = set(re.findall(NAME, text)), {}
+    used, names = set(re.findall(NAME, text)), {}
     for line, name, place in _CALLED:
         for found in line.finditer(text):
             parts = [part for number, part in enumerate(found.groups(), 1) if number != place]
             called = name.format(*parts)
             if found[place] not in names:
-                names[found[place]] = _free(called, taken)
+                names[found[place]] = _free(called, used)
     return re.sub(r"\b_\d+_\b", lambda found: names.get(found[0], found[0]), text)
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _free(name: str, used: set[str]) -> str:
     """``name``, with a number where it is taken; it is taken then."""
-    chosen = next(one for one in chain([name], (f"{name}_{n}" for n in count(2))) if one not in taken)
-    taken.add(chosen)
+    chosen = next(free for free in chain([name], (f"{name}_{n}" for n in count(2))) if free not in used)
+    used.add(chosen)
     return chosen
 
 
 def ports_named(rtlil: str) -> str:
     """``rtlil`` whose ports without a name in Amaranth take the name of the signal that is wired to them outside."""
-    taken, names = set(re.findall(r"\\\S+", rtlil)), {}
+    used, names = set(re.findall(r"\\\S+", rtlil)), {}
     for port, signal, place in _WIRED.findall(rtlil):
         if port not in names and not signal.startswith("\\port$"):
             plain = re.sub(r"\W+", "_", f"{signal[1:]} {place}".strip()).strip("_")
-            names[port] = _free(f"\\{plain}", taken)
+            names[port] = _free(f"\\{plain}", used)
     return re.sub(r"\\port\$\d+\$\d+", lambda found: names.get(found[0], found[0]), rtlil)

@@ -22,7 +22,7 @@ class Target:
 
     device: the part's name. room: what it has; None: no estimate there. family: for Yosys. place: nextpnr's
     options for part and package; pack: the packer's. clock_pin, clock_hz: the board's oscillator (the
-    upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led:
+    upduino's is on a separate pin, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led:
     a lamp, or a free pin. pins: further free pins, in the order in which they are given out.
     """
 
@@ -56,7 +56,7 @@ def _target(
     led: str | None = None,
 ) -> Target:
     """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the
-    board has none of its own."""
+    board has none."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
     device = (
         getattr(board, "device", None) or board.family
@@ -127,5 +127,5 @@ def target(name: str) -> Target:
         No such board.
     """
     if name not in _BOARDS:
-        raise InputError(f"--target {name}: is not a known board; use one of {', '.join(TARGETS)}")
+        raise InputError(f"`target` {name}: is not a known board; use one of {', '.join(TARGETS)}")
     return _target(name, **_BOARDS[name])

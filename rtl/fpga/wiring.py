@@ -91,9 +91,9 @@ class Wiring:
             ports = [*["stim_tx"] * (self.config.interface.stimulator != "none"), *ports]
             place = max(STIMULATOR_PIN, len(wires))
         if place + len(ports) > len(target.pins):
-            helps = "another board or converter" if self.sensing else "another board, or --no-link"
+            helps = "another board or converter" if self.sensing else "another board, or `no_link`"
             raise InputError(
-                f"--target {target.name}: has {len(target.pins)} free pins, and {place + len(ports)} are needed; "
+                f"`target` {target.name}: has {len(target.pins)} free pins, and {place + len(ports)} are needed; "
                 f"use {helps}"
             )
         free = dict(zip(wires, target.pins, strict=False)) | dict(

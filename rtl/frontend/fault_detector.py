@@ -1,4 +1,4 @@
-"""Fault detector: stuck, silent or saturated taxels (docs/specification.md, section 10). It is a branch
+"""Fault detector: stuck, silent or saturated taxels (docs/specification_interfaces.md, section 10). It is a branch
 beside the front of the chain."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
@@ -38,7 +38,7 @@ class FaultDetector(Block):
     Timing
     ------
     One beat a cycle. ``flag`` comes 1 cycle after its beat was taken, through the logic behind the memory: a
-    taxel's verdict is known with its own sample, so that nothing waits for the end of the frame.
+    taxel's verdict is known with the taxel's sample, so that nothing waits for the end of the frame.
     """
 
     def ports(self, config: AcceleratorConfig):
@@ -76,8 +76,8 @@ class FaultDetector(Block):
         m.d.comb += complement.eq(self.complement + before.sample)
         at_end = (sample == 0) | sample.all()  # of the range: such a change counts as a rise of 0
         rises = complement[-1] | at_end
-        taken = complement ^ (~complement[-1]).replicate(bits) | at_end.replicate(bits)  # always negative
-        low, high = Cat(taken, Const(1, 1).replicate(width))[:width], Cat(taken[width:], Const(1, 1))
+        magnitude = complement ^ (~complement[-1]).replicate(bits) | at_end.replicate(bits)  # always negative
+        low, high = Cat(magnitude, Const(1, 1).replicate(width))[:width], Cat(magnitude[width:], Const(1, 1))
         left = Signal(width + 1)  # its carry shows that it is not below 0
         m.d.comb += left.eq(before.left + low + rises)
         active = ~block_first & (before.active | ~left[-1] | ~high.all())

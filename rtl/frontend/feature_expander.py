@@ -23,7 +23,7 @@ from eskin.rtl.common import (
 from eskin.rtl.program.timing import STATE_BEATS
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
-"""Cycle, from the one in which a deviation is seen, in which the beat of each kind is made."""
+"""Cycle, counted from the cycle that sees a deviation, in which the beat of each kind is made."""
 
 
 class FeatureExpander(Block):
@@ -56,7 +56,7 @@ class FeatureExpander(Block):
     i : In(stream of ``window_layout``)
         The deviations, as complements.
     o : Out(stream of ``beat_layout``)
-        Complements; marks are those of the deviation, on each of its beats.
+        Complements; marks belong to the deviation, on each of its beats.
     frame_last : Out(1)
         The deviation at ``i`` is its frame's last.
     holds : Out(1)
@@ -105,6 +105,8 @@ class FeatureExpander(Block):
         # --- what follows from the frame: the first of all (of the recording, or of the touch)
         first = Signal(init=1)
         ends = self.i.p.end if config.windows.window_mode == "touch" else Const(0, 1)
+        if config.follows_touch:
+            ends = ~self.i.p.touch | self.i.p.end
         with m.If(frame_taken):
             m.d.sync += first.eq(ends)
 
@@ -128,7 +130,7 @@ class FeatureExpander(Block):
                 frame_in_block = Signal(range(block))
                 block_first, block_last = frame_in_block == 0, reaches(frame_in_block, block - 1)
                 with m.If(frame_taken):
-                    m.d.sync += frame_in_block.eq(Mux(block_last, 0, frame_in_block + 1))
+                    m.d.sync += frame_in_block.eq(Mux(block_last | ends, 0, frame_in_block + 1))
             if block > 1 or config.features.activity_rule == "change":
                 old = keep("block", signed_bits(block * bound))
                 next_state["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
@@ -137,6 +139,8 @@ class FeatureExpander(Block):
                     lone = Signal(init=1)
                     with m.If(frame_taken & block_last):
                         m.d.sync += lone.eq(ends)
+                    with m.If(frame_taken & ends):
+                        m.d.sync += lone.eq(1)
                     next_state["change"] = (
                         Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
                     )
@@ -159,11 +163,11 @@ class FeatureExpander(Block):
                 begins_from = Mux(falls, of_hop, total)
             next_state["total"] = Mux(first, 0, begins_from) + deviation
         widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in next_state else {})
-        fresh = {
+        start = {
             name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in next_state
         }
         with m.If(step & (slot == 0)):
-            m.d.sync += [fresh[name].eq(value) for name, value in next_state.items()]
+            m.d.sync += [start[name].eq(value) for name, value in next_state.items()]
         if fields:
             m.submodules.state = state = Memory(
                 shape=data.StructLayout({name: bits for name, bits in fields.items()}),
@@ -181,7 +185,7 @@ class FeatureExpander(Block):
                 *(present_state[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
                 write.en.eq(written),
-                *(write.data[name].eq(fresh[name]) for name in fields),
+                *(write.data[name].eq(start[name]) for name in fields),
             ]
             with m.If(step & (slot == 0)):
                 m.d.sync += taxel_of_fresh.eq(taxel)
@@ -192,7 +196,7 @@ class FeatureExpander(Block):
         # --- beats: each in its slot
         complement = {"mean": self.i.p.complement}
         if "activity" in kinds:
-            amount = fresh.get("change", fresh.get("block", deviation))
+            amount = start.get("change", start.get("block", deviation))
             negative = amount[-1]
             # ~|a| = ~a, or a - 1 where it is negative
             complement["activity"] = Mux(compares, Mux(negative, amount, ~amount) - negative, -1)
@@ -202,16 +206,16 @@ class FeatureExpander(Block):
             with m.If(step & (slot == 1)):
                 m.d.sync += [
                     biased.eq(
-                        biased_magnitude(~fresh["total"], config.features.integral_knee)[
+                        biased_magnitude(~start["total"], config.features.integral_knee)[
                             : config.integral_bits
                         ]
                     ),
-                    below.eq(fresh["total"][-1]),
+                    below.eq(start["total"][-1]),
                 ]
             size = Signal(config.beat_bits - 1)
             logarithm(m, size, biased, config.features.integral_knee, config.features.integral_frac)
             complement["integral"] = Mux(below, size - 1, ~Cat(size, Const(0, 1)))
-        # the last slot is that of the last kind that comes; a frame in which none does takes one
+        # the last slot belongs to the last kind that comes; a frame in which none does takes one
         marks = [name for name, _ in window_layout(config) if name != "complement"]
         beat = Signal(beat_layout(config))
         m.d.comb += [beat.block_last.eq(block_last), *(beat[name].eq(self.i.p[name]) for name in marks)]

@@ -85,8 +85,7 @@ class TouchMarks(Block):
     """
 
     def ports(self, config: AcceleratorConfig):
-        alone = int(config.last_frame == 1)  # the first frame of a touch is its last
-        first = {"hop_last": alone or int(config.windows.hop == 1), "emit": alone, "end": alone}
+        first = {"hop_last": int(config.windows.hop == 1), "emit": 0, "end": 0}  # no touch is one frame
         return inputs("taken") | {name: Out(1, init=value) for name, value in first.items()}
 
     def elaborate(self, platform):
@@ -98,7 +97,7 @@ class TouchMarks(Block):
         turns = self.hop_last
         # of the next frame: it is its hop's last; a window ends with it, the last frame of two hops or the
         # first after them; the touch ends
-        last_hop, last_place = divmod(max(frames - 2, 0), hop_frames)
+        last_hop, last_place = divmod(frames - 2, hop_frames)
         hop_last = reaches(place, hop_frames - 2) & ~turns if hop_frames > 1 else Const(1, 1)
         whole = (turns if odd else hop_last) & ((hop != 0) if odd or hop_frames > 1 else 1)
         end = reaches(hop, last_hop) & reaches(place, last_place)

@@ -78,7 +78,7 @@ class MovingSums(wiring.Component):
         decided = self.decided
         total = Signal(signed(bits))
         moved = Signal(signed(bits))
-        held = {
+        values = {
             key: Signal.like(getattr(self, key), name=f"held_{key}")
             for key in ("index", "last", "block_end", "masked")
         }
@@ -88,18 +88,18 @@ class MovingSums(wiring.Component):
         with m.If(fresh):
             m.d.sync += [
                 total.eq(Mux(self.settling, 0, total_read.data - ~self.complement)),
-                *(register.eq(getattr(self, key)) for key, register in held.items()),
+                *(register.eq(getattr(self, key)) for key, register in values.items()),
             ]
         past = Mux(wrapped, past_read.data, 0)
         moved_last = self.moved_last = Signal()
         m.d.sync += [
             moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
-            moved_valid.eq(added & held["block_end"] & ~held["masked"]),
-            moved_last.eq(added & held["block_end"] & held["last"]),
+            moved_valid.eq(added & values["block_end"] & ~values["masked"]),
+            moved_last.eq(added & values["block_end"] & values["last"]),
         ]
         m.d.comb += self.holds.eq(fresh | added | moved_valid | moved_last | decided)
-        drive(m, total_write, addr=held["index"], data=total, en=added)
-        drive(m, past_write, addr=Cat(held["index"], slot), data=total, en=added & held["block_end"])
+        drive(m, total_write, addr=values["index"], data=total, en=added)
+        drive(m, past_write, addr=Cat(values["index"], slot), data=total, en=added & values["block_end"])
         limit = rule.onset_threshold * rule.onset_mean_frames
         m.d.comb += self.over.eq(moved_valid & (exceeds(moved, limit) | ~exceeds(moved, -limit - 1)))
         with m.If(moved_last):

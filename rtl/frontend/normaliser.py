@@ -26,8 +26,8 @@ from eskin.rtl.program.memory_map import mean_count
 
 
 def mean_address(config: AcceleratorConfig, length: Value, kind: Value | None, taxel: Value) -> Value:
-    """Address of a mean: that of the length's, of one kind or of one input where there is one for each; each
-    field has its own bits."""
+    """Address of the mean of a length, of a kind or of an input where each has a mean; each
+    field has separate bits."""
     bits = ceil_log2(len(config.window_lengths))
     return Cat(
         length[:bits],
@@ -40,8 +40,8 @@ class Normaliser(wiring.Component):
     """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel; with means of
     ``mean_frac`` fraction bits d is theirs before the difference. The product with scale is the engine's.
 
-    With several kinds of feature, or a scale a taxel, mean and shift are those of the beat's kind, or the
-    mean is that of its input.
+    With several kinds of feature, or a scale a taxel, mean and shift belong to the beat's kind, or the
+    mean belongs to its input.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class Normaliser(wiring.Component):
         added = Signal()
         if config.hardware.checksum:
             m.d.comb += self.wrong.eq(added & read.data.xor())
-        taken = self.i.valid & self.i.ready
+        accepted = self.i.valid & self.i.ready
         at_last = reaches(self.i.p.taxel, config.sensor.taxels - 1)
         at_first = self.i.p.taxel == 0
         if config.kinds > 1:
@@ -149,10 +149,10 @@ class Normaliser(wiring.Component):
         )
         with m.If(looks):
             m.d.sync += masked.eq(out_of_use | ~begun)
-        used = taken if several else taken & at_last  # the mean is read again
+        used = accepted if several else accepted & at_last  # the mean is read again
         m.d.sync += [
             mean_read.eq((mean_read | self.i.valid) & ~used),
-            added.eq(self.i.valid & mean_read & ~taken),
+            added.eq(self.i.valid & mean_read & ~accepted),
         ]
 
         # Narrowing takes one LUT a bit: its select inputs give one of two shifts or, when forced, the level
@@ -186,5 +186,6 @@ class Normaliser(wiring.Component):
             first=at_first,
             last=at_last,
             final=self.i.p.final,
+            **({"partial": self.i.p.partial} if config.follows_touch else {}),
         )
         return m

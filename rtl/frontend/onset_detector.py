@@ -91,7 +91,7 @@ class OnsetDetector(Block):
         if small:
             empty = self.empty = Signal(
                 2
-            )  # the stages, in this cycle and the one before: all state is written
+            )  # the stages, in this cycle and the cycle before: all state is written
             open_now = (index != 0) | empty.all()
             drive(m, aligner.i, p=self.i.p, valid=self.i.valid & open_now)
             m.d.comb += self.i.ready.eq(aligner.i.ready & open_now)
@@ -178,10 +178,10 @@ class OnsetDetector(Block):
             self.o.p.complement.eq(complement),
         ]
 
-        held = Cat(stage.valid for stage in self.stages.values())
+        valid = Cat(stage.valid for stage in self.stages.values())
         unwritten = [aligner.filling]
         if small:
-            m.d.comb += empty[0].eq(~held.any())
+            m.d.comb += empty[0].eq(~valid.any())
             m.d.sync += empty[1].eq(empty[0])
             unwritten.append(empty[0] ^ empty[1])
         if config.onset_rule.onset == "baseline":
@@ -203,7 +203,7 @@ class OnsetDetector(Block):
                     m.d.sync += register.eq(source)
                     m.d.comb += port.eq(register)
             unwritten.append(rest_level.w_enable)
-        m.d.comb += self.holds.eq(Cat(held, *unwritten).any())
+        m.d.comb += self.holds.eq(Cat(valid, *unwritten).any())
         return m
 
     def _rule(
@@ -257,7 +257,11 @@ class OnsetDetector(Block):
         m.submodules.state = state = self.state = TouchState(config)
         drive(m, state, frame_left=frame_left, last=now.last, judged=judged, met=met)
         drive(m, self.status, armed=state.armed, touch=state.touch, started=state.started)
-        if config.windows.window_mode == "touch":
+        if config.follows_touch:
+            loud = now.last & (1 if config.opens_at_once else judged & met)
+            ends = {"end": now.last & state.end, "longest": now.last & state.longest}
+            drive(m, self.o.p, touch=state.touch, loud=loud, **ends)
+        elif config.windows.window_mode == "touch":
             drive(m, self.o.p, touch=state.touch, onset=state.onset)
         else:
             drive(m, state, boundary=now.boundary, recording_first=now.recording_first)

@@ -128,7 +128,7 @@ class PreTriggerRing(Block):
             fetch.eq(touch & some & ~room & (~fetched | (self.o.ready & ~self.touch_last))),
         ]
         begins = push & self.i.p.onset & ~touch
-        if frame == 1:  # ``surplus`` is of the beats before this one, and it may be the one too many
+        if frame == 1:  # ``surplus`` is of the beats before this one, and it may be a beat too many
             begun = self.begun = Signal()
             m.d.sync += begun.eq(begins)
             begins = begun

@@ -25,7 +25,7 @@ from eskin.rtl.program.timing import STATE_BEATS
 
 class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
     """Operations on a beat, in this order: it is added to the sum of its hop; where a window ends, the sums
-    of the hop before the last and of the last hop are added to that. Bit 0: the adder continues from its own
+    of the hop before the last and of the last hop are added to that. Bit 0: the adder continues from its last
     result."""
 
     NEWEST = 0
@@ -110,7 +110,7 @@ class WindowAverager(Block):
                 m.d.comb += [hops.eq(last_hop - k), length.eq(config.length_index[k])]
 
         # --- beats: the kinds that come, taxel by taxel
-        several, kind, kind_next, last_kind = len(kinds) > 1, Const(0, 0), Const(0, 0), Const(1, 1)
+        several, kind, kind_next, last_kind = len(kinds) > 1, Cat(), Cat(), Const(1, 1)
         if several:
             kind = Signal(range(len(kinds)))
             kind_next = Signal(range(len(kinds)))

@@ -1,4 +1,4 @@
-"""AXI4-Lite in front of the shell (docs/specification.md, section 17)."""
+"""AXI4-Lite in front of the shell (docs/specification_interfaces.md, section 17)."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring

@@ -1,5 +1,5 @@
 """The accelerator as a CPU sees it: samples in, decisions out, events and an interrupt beside its registers
-(docs/specification.md, section 17)."""
+(docs/specification_interfaces.md, section 17)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
@@ -21,8 +21,8 @@ GLOBAL_ONLY, REFUSED = 8, 31
 def request_signature() -> wiring.Signature:
     """One access, seen from the bus: the request holds from ``valid`` to ``done``; ``r_data`` is there
     with ``done``. ``whole``: a write has all four bytes. ``address`` is a word's."""
-    asked = {"valid": 1, "write": 1, "whole": 1, "address": 7, "w_data": 32}
-    return wiring.Signature({k: Out(v) for k, v in asked.items()} | inputs("done", r_data=32))
+    fields = {"valid": 1, "write": 1, "whole": 1, "address": 7, "w_data": 32}
+    return wiring.Signature({k: Out(v) for k, v in fields.items()} | inputs("done", r_data=32))
 
 
 class BusShell(wiring.Component):
@@ -127,8 +127,8 @@ class BusShell(wiring.Component):
             with m.If(stuck | ~request.valid):  # or abandoned
                 m.d.sync += second.eq(0)
             # not when a decision is read: an interrupt routine may do that, and the CPU then goes on within its frame
-            asked = request.valid & done & reads & own & (place == ShellRegister.NEXT_TAXEL - FIRST)
-            with m.If(asked | arming):
+            looks = request.valid & done & reads & own & (place == ShellRegister.NEXT_TAXEL - FIRST)
+            with m.If(looks | arming):
                 m.d.sync += refusing.eq(0)
             with m.If(arming):
                 m.d.sync += taxel.eq(0)

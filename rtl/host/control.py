@@ -59,7 +59,7 @@ class HostControl(wiring.Component):
     bus : In
         One access a cycle.
     clear : Out(1)
-        Synchronous reset of the datapath for one cycle, the one after ``arm`` was written.
+        Synchronous reset of the datapath for one cycle, the cycle after ``arm`` was written.
     restart : Out(1)
         Synchronous reset of the engine: with ``clear``, and in the cycle after a memory word was written. The
         write may make stale what the engine has computed ahead of its next step.
@@ -88,7 +88,7 @@ class HostControl(wiring.Component):
     anew : In(1)
         The engine begins anew, beside ``restart`` (``watchdog``).
     due : Out(1)
-        The recording is being finished, or the detector's touch and the one whose decision is due are not the
+        The recording is being finished, or the detector's touch and the touch whose decision is due are not the
         same (``watchdog``).
     busy : Out(1)
         As of `RecordingState`.
@@ -239,7 +239,7 @@ class HostControl(wiring.Component):
             fresh = self.fresh = Signal()
             given = self.given = Signal()
             at_places = bus.addr == TeachRegister.PLACES
-            asked = bus.r_stb & at_places
+            looks = bus.r_stb & at_places
             m.d.sync += [refused.eq((refused & ~forgotten) | teaching.refused), odd.eq(odd ^ teaching.done)]
             # the memory is read ahead; what comes between, a touch or a write, makes that stale
             m.d.sync += [
@@ -257,7 +257,7 @@ class HostControl(wiring.Component):
                 teaching.locked.eq(touch),
                 given.eq(fresh & ~teaching.look & ~loader.locked),
             ]
-            drive(m, loader, seek=bus.w_stb & at_places, onward=asked & given)
+            drive(m, loader, seek=bus.w_stb & at_places, onward=looks & given)
             readable |= {
                 TeachRegister.TAUGHT: Cat(teaching.in_use, refused, odd),
                 TeachRegister.PLACES: Mux(given, Cat(teaching.place, loader.load.address[:7]), 0xFFFF),

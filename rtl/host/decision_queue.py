@@ -1,4 +1,4 @@
-"""Decisions as words that wait for a CPU (docs/specification.md, section 17)."""
+"""Decisions as words that wait for a CPU (docs/specification_interfaces.md, section 17)."""
 
 from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -8,7 +8,7 @@ from eskin.rtl.common import decision_layout, drive, inputs, margin_units, outpu
 from eskin.rtl.program.memory_map import DECISION_FIELDS
 
 DEPTHS = (0, 2, 4)
-"""Decisions that may wait beside the one that the classifier offers."""
+"""Decisions that may wait beside the decision that the classifier offers."""
 
 
 def _places(config: AcceleratorConfig) -> list[int]:
@@ -84,7 +84,7 @@ class DecisionQueue(wiring.Component):
         offered = self.i.valid & ~dropped
         room = Signal()
         m.d.comb += self.i.ready.eq(dropped | room)
-        # registers, so that of two entries one table of four inputs gives a bit: with `shows` low, `index` is it
+        # registers, so a table of four inputs gives a bit of two entries: with `shows` low, `index` is it
         shows = self.shows = Signal()
         index = self.index = Signal(range(max(self._depth, 2)))
         if not self._depth:

@@ -81,7 +81,7 @@ class FlashLoader(wiring.Component):
             with m.State("READ"), m.If(tick):
                 m.d.sync += [check.eq(check_now), self.valid.eq((left >= 32) & (left[:4] == 0))]
                 with m.If(left == 0):
-                    # what is left of a message with its own check sequence behind it
+                    # remainder of a message with the check sequence behind it
                     m.d.sync += [pins.cs_n.eq(1), self.done.eq(check_now == 0)]
                     m.next = "END"
             with m.State("END"):

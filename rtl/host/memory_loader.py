@@ -23,7 +23,7 @@ class MemoryLoader(Block):
     load : Out
         A line a memory, address and word; combinational from ``data``. Never enabled in a ROM design.
     seek : In(1), onward : In(1), only with taught places
-        ``data`` is the word of the memory PROTOTYPES that comes next; the one after it comes next.
+        ``data`` is the word of the memory PROTOTYPES that comes next; the word after it comes next.
     refused : Out(1)
         The word is not taken: ``locked``, or behind the memory's end (``checksum``).
     """

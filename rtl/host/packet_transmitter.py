@@ -1,4 +1,4 @@
-"""Decisions and answers onto the serial line: docs/specification.md section 9."""
+"""Decisions and answers onto the serial line: docs/specification_interfaces.md section 9."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -70,7 +70,7 @@ class PacketTransmitter(wiring.Component):
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
-        # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send
+        # The check sequence leaves its register bit by bit, so that its lower byte is always the byte to send
         # next.
         special = ~is_flag & Mux(in_check, is_special(~fcs[:8]), is_special(body))
         escape = Signal()  # this byte is the escape

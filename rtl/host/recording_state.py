@@ -38,7 +38,7 @@ class RecordingState(Block):
     touched, touches : Out
         There was a touch; how many, modulo 256.
     due : Out(1)
-        With ``watchdog``: the recording is being finished, or the detector's touch and the one whose decision
+        With ``watchdog``: the recording is being finished, or the detector's touch and the touch whose decision
         is due are not the same.
     """
 
@@ -69,7 +69,8 @@ class RecordingState(Block):
         # (What a command changes follows the beats that are on their way. FINISH waits as after a beat: one may
         # have come in the same cycle.)
         late = self.passing & ~quiet.all() & self.spec.hardware.clock_gate
-        with m.If(moving | self.finish_asked | late):
+        # (A touch of ``window_mode`` whole that FINISH ends is still to come out.)
+        with m.If(moving | self.finish_asked | late | (self.finish & self.spec.follows_touch)):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
         drive(

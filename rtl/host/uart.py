@@ -111,7 +111,7 @@ class UartTransmitter(Block):
 
     def elaborate(self, platform):
         m, divisor = Module(), self.spec
-        bits = Signal(9)  # what is to follow the bit on the line, the stop bit a one behind the data
+        bits = Signal(9)  # bits to follow the bit on the line, the stop bit a one behind the data
         left = Signal(range(11))
         timer = Signal(range(divisor))
         over = timer == 0

@@ -1,4 +1,4 @@
-"""The accelerator's host side over a serial line: packets of docs/specification.md section 9 in and out."""
+"""The accelerator's host side over a serial line: packets of docs/specification_interfaces.md section 9 in and out."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
@@ -25,7 +25,7 @@ class UartLink(wiring.Component):
     """Frames, register writes and reads in; decisions and answers out. A packet acts only once its check
     sequence is proven.
 
-    A frame or write acts when its number is the one expected, so each acts once and in order however often it
+    A frame or write acts when its number is the expected one, so each acts once and in order however often it
     is sent; a read acts always and its answer carries the number expected next. A packet that comes while one
     is still acting (the accelerator not ready, an answer not yet sent) is dropped like a damaged one.
     The next flag always resynchronises the receiver; no reset or timeout is needed.
@@ -91,14 +91,14 @@ class UartLink(wiring.Component):
         spoiled = Signal()
         in_order = Signal()
         command = Signal(struct(address=6, is_frame=1, is_read=1))
-        taken = unstuffer.byte_valid & ~acting
+        accepted = unstuffer.byte_valid & ~acting
         length = Mux(command.is_frame, taxels + HEADER_WORDS, 1 + HEADER_WORDS)
         good = unstuffer.end & ~(acting | unstuffer.aborted | spoiled | high) & check.good & (word == length)
         m.d.comb += [
             write.addr.eq(word),
             write.data[0].eq(unstuffer.byte),
             write.data[1].eq(unstuffer.byte),
-            write.en.eq(Mux(taken, Cat(~high, high), 0)),
+            write.en.eq(Mux(accepted, Cat(~high, high), 0)),
         ]
         with m.If(unstuffer.end):
             m.d.sync += spoiled.eq(0)
@@ -106,7 +106,7 @@ class UartLink(wiring.Component):
             m.d.sync += spoiled.eq(1)
         forward = Signal()
         restart = Signal()
-        with m.If(taken):
+        with m.If(accepted):
             m.d.sync += high.eq(~high)
             with m.If(word == 0):
                 with m.If(high):
@@ -115,7 +115,7 @@ class UartLink(wiring.Component):
                     m.d.sync += in_order.eq(unstuffer.byte == self.expected)
         with m.If(restart | unstuffer.end & ~acting):
             m.d.sync += [word.eq(0), high.eq(0)]
-        with m.Elif(taken & high | forward):
+        with m.Elif(accepted & high | forward):
             m.d.sync += word.eq(word + 1)
 
         # ---------------------------------------------------------------- and acts

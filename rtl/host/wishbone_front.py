@@ -1,4 +1,4 @@
-"""Wishbone B4, classic cycles, in front of the shell (docs/specification.md, section 17)."""
+"""Wishbone B4, classic cycles, in front of the shell (docs/specification_interfaces.md, section 17)."""
 
 from amaranth.hdl import Module
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Checksum over the constants in the image engine's memories: docs/specification.md section 11."""
+"""Checksum over the constants in the image engine's memories: docs/specification_interfaces.md section 11."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib.wiring import In
@@ -46,16 +46,16 @@ class ImageCheck(Block):
         m = Module()
         plan = self.spec
         common = plan.dense_lanes * plan.weight_bits
-        taken = folded(self.weights[:common])
+        total = folded(self.weights[:common])
         if common < len(self.weights):  # (only beyond 32 bits)
-            taken ^= Mux(self.dense, 0, folded(self.weights[common:]))
+            total ^= Mux(self.dense, 0, folded(self.weights[common:]))
         signature = Signal(WIDTH, init=START)
         judged = Signal()
         advanced = Cat(0, signature[:-1]) ^ Mux(signature[-1], TAPS, 0)
         with m.If(self.begins):
             m.d.sync += signature.eq(START)
         with m.Elif(self.arrives | self.multiplies):
-            m.d.sync += signature.eq(advanced ^ Mux(self.arrives, self.word, taken))
+            m.d.sync += signature.eq(advanced ^ Mux(self.arrives, self.word, total))
         m.d.sync += judged.eq(self.checks | self.ends)
         m.d.comb += self.fault.eq((judged & signature.any()) | (self.shifts & self.addend.xor()))
         return m

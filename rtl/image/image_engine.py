@@ -71,7 +71,7 @@ class ImageEngine(wiring.Component):
     waiting : In(1)
         It is, and not yet started.
     busy : Out(1)
-        From the cycle after ``start`` until the one that ends the last pass.
+        From the cycle after ``start`` until the cycle that ends the last pass.
     done : Out(1)
         Pulse: the last logit has been given. `ImagePlan.cycles` cycles after ``start``.
     logit : Out(struct: valid, value)

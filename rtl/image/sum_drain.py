@@ -73,7 +73,7 @@ class SumDrain(Block):
         held = [Signal(8, name=f"held_{k}", reset_less=True) for k in range(plan.lanes)]
         own = Signal(8)
         largest = Signal(8)
-        oldest, fresh = held[0], Const(1, 1)
+        oldest, first = held[0], Const(1, 1)
         if plan.pairs:
             # The left neighbour came P / 2 lanes earlier. A right place outside the map is 0 and never wins.
             half = plan.lanes // 2
@@ -85,9 +85,9 @@ class SumDrain(Block):
                 beyond.eq(right & sums.alone),
                 closes.eq(counts & sums.closes & ~self.last & (right | ~self.pairs)),
             ]
-            oldest, fresh = Mux(self.pairs, held[half], held[0]), ~beyond
+            oldest, first = Mux(self.pairs, held[half], held[0]), ~beyond
         m.d.comb += [
-            own.eq(Mux(fresh, saturate(shifted, ACTIVATION), 0)),
+            own.eq(Mux(first, saturate(shifted, ACTIVATION), 0)),
             largest.eq(Mux(opens | (own > oldest), own, oldest)),
         ]
         with m.If(moved):

@@ -28,7 +28,7 @@ class TapSequencer(Block):
     released : Out(sum_layout)
         With ``begin``: which sums these are.
     addend : Out(16)
-        From the cycle after ``begin`` on: the first bias of the sum after the one that begins.
+        From the cycle after ``begin`` on: the first bias of the sum after the sum that begins.
     ending : Out(1)
         The last slot of the pass has begun: it has no taps.
     done : Out(1)

@@ -1,4 +1,4 @@
-"""Acquisition: frames at the declared rate from a converter's pins, wiring only (docs/specification.md
+"""Acquisition: frames at the declared rate from a converter's pins, wiring only (docs/specification_interfaces.md
 section 12)."""
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Ports of every converter's controller beside its pins (docs/specification.md section 12)."""
+"""Ports of every converter's controller beside its pins (docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import unsigned
 from amaranth.lib import wiring
@@ -21,12 +21,12 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         The converter is being set up: a ``start`` begins no frame. Some need it all the same, to keep their
         time.
     put : Out(struct: valid, place, code)
-        A code and the taxel that it belongs to, in any order of taxels; ``valid`` for the one cycle in which it must be
+        A code and the taxel that it belongs to, in any order of taxels; ``valid`` for the single cycle in which it must be
         taken.
     finished : Out(1)
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong
         with it. While ``away``: setting up has failed and restarts.
     """
-    told = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
+    ports = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
     put = struct("valid", place=range(taxels), code=unsigned(code_bits))
-    return {"start": In(1), "put": Out(put)} | told
+    return {"start": In(1), "put": Out(put)} | ports

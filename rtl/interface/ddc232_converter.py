@@ -1,10 +1,9 @@
 """Frames from a DDC232: configuration, its readback, integrations in turn on both sides
-(docs/specification.md section 12)."""
+(docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters.ddc232 import (
@@ -16,15 +15,14 @@ from eskin.golden.core.converters.ddc232 import (
     WARM_UP,
     DdcPlan,
 )
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import drive, inputs, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
 """First bits of the readback, which are compared; the revision is not."""
 
 DDC_PINS = wiring.Signature(
-    outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk")
-    | {"dvalid_n": In(1, init=1), "dout": In(1, init=1)}
+    outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk") | inputs("dvalid_n", "dout")
 )
 """Names of the data sheet; its DIN (the next chip's data) is tied low, its CLK runs always."""
 
@@ -47,7 +45,7 @@ class Ddc232Converter(wiring.Component):
     pins : Out
         `DDC_PINS`; all from registers.
 
-    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
+    The others: `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
     by the plan's deadline. From any state of its registers the controller is in "idle" or "reset" within a
     setup's time: every other state counts down to one of them.
     """
@@ -60,15 +58,15 @@ class Ddc232Converter(wiring.Component):
         m = Module()
         plan, pins = self._plan, self.pins
         bits, words = plan.bits, len(plan.places)
-        dout = Signal(init=1)
-        dvalid_n = Signal(init=1)
-        dvalid_was = Signal(init=1)
-        m.submodules.data = FFSynchronizer(pins.dout, dout, init=1)
-        m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n, init=1)
+        dout = Signal()
+        dvalid_n = Signal()
+        dvalid_was = Signal()
+        m.submodules.data = FFSynchronizer(pins.dout, dout)
+        m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n)
         m.d.sync += dvalid_was.eq(dvalid_n)
         falls = dvalid_was & ~dvalid_n
 
-        clock_timer = Signal(range(max(2, plan.clk_half)))
+        clock_timer = Signal(range(plan.clk_half))
         clock_over = clock_timer == 0
         m.d.sync += [
             clock_timer.eq(Mux(clock_over, plan.clk_half - 1, clock_timer - 1)),
@@ -83,13 +81,13 @@ class Ddc232Converter(wiring.Component):
         shift = Signal(max(bits, CONFIGURATION_BITS))
         left = Signal(range(bits))
         word = Signal(range(words))
-        low = Signal(init=1)  # all bits of the frame so far are low
-        high = Signal(init=1)
+        low = Signal()  # all bits of the frame so far are low
+        high = Signal()
         wrong = Signal()
         code_due = Signal()
         m.d.sync += timer.eq(timer - ~over)
         halves_over = (place == 0) & over
-        falling = over & (place != 0) & ~place[0]  # the data clock's high half ends
+        falling = over & ~place[0]  # the data clock's high half ends; or all of them have
         expected = Const(plan.configuration << (REVISION_BITS + PATTERN_BITS) | PATTERN, EXPECTED_BITS)
         looked_at = Const(
             (1 << EXPECTED_BITS) - 1 ^ ((1 << REVISION_BITS) - 1) << PATTERN_BITS, EXPECTED_BITS
@@ -121,7 +119,7 @@ class Ddc232Converter(wiring.Component):
 
         with m.FSM(init="reset") as states:
             with m.State("reset"):
-                m.d.sync += [pins.reset_n.eq(0), pins.dclk.eq(0), pins.clk_cfg.eq(0), place.eq(0)]
+                m.d.sync += pins.reset_n.eq(0)  # both data clocks are low
                 with m.If(over):
                     m.d.sync += wait(plan.wait)
                     m.next = "wake"

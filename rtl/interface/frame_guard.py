@@ -1,4 +1,4 @@
-"""Whole frames only: samples are kept until their frame is known to be good (docs/specification.md section
+"""Whole frames only: samples are kept until their frame is known to be good (docs/specification_interfaces.md section
 12)."""
 
 from amaranth.hdl import Module, Signal

@@ -1,4 +1,4 @@
-"""One byte, a start or a stop on an I2C bus (UM10204; docs/specification.md section 12)."""
+"""One byte, a start or a stop on an I2C bus (UM10204; docs/specification_interfaces.md section 12)."""
 
 from enum import Enum
 

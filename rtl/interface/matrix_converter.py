@@ -1,4 +1,4 @@
-"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification.md
+"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification_interfaces.md
 section 12)."""
 
 from amaranth.hdl import Module, Mux, Signal
@@ -30,7 +30,7 @@ class MatrixConverter(Block):
     pins : Out
         `matrix_pins`; all from registers.
 
-    The others are those of `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
+    The others: `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
     """
 
     def ports(self, plan: MatrixPlan):

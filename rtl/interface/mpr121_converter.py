@@ -1,4 +1,4 @@
-"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification.md
+"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification_interfaces.md
 section 12)."""
 
 from dataclasses import dataclass
@@ -82,7 +82,7 @@ class Mpr121Converter(Block):
     pins : Out
         `I2C_PINS`.
 
-    The others are those of `converter_ports`.
+    The others: `converter_ports`.
     """
 
     def ports(self, plan: MprPlan):
@@ -110,7 +110,7 @@ class Mpr121Converter(Block):
         issued = Signal()
         expanding = Signal()
         fresh = Signal(init=1)  # in the start-up
-        # low: this chip's electrodes; dead: those of a chip
+        # low: this chip's electrodes; dead: a whole chip's
         wrong = Signal()
         low = Signal()
         dead = Signal()

@@ -1,4 +1,4 @@
-"""Sample clock: the declared frame rate from the clock (docs/specification.md section 12)."""
+"""Sample clock: the declared frame rate from the clock (docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Sample narrower: a sample from a converter's code by offset, shift, saturation (docs/specification.md
+"""Sample narrower: a sample from a converter's code by offset, shift, saturation (docs/specification_interfaces.md
 section 12)."""
 
 from amaranth.hdl import Const, Module, Signal, signed

@@ -1,4 +1,4 @@
-"""A frame from SPI converters: every channel is read in turn and checked (docs/specification.md section
+"""A frame from SPI converters: every channel is read in turn and checked (docs/specification_interfaces.md section
 12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
@@ -23,7 +23,7 @@ class SpiConverter(wiring.Component):
     pins : Out
         `eskin.rtl.interface.spi_master.spi_pins`.
 
-    The others are those of `converter_ports`.
+    The others: `converter_ports`.
     """
 
     def __init__(self, plan: SpiPlan, taxels: int):

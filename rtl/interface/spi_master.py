@@ -1,4 +1,4 @@
-"""A serial port to converters: one transfer, several data lines at once (docs/specification.md section
+"""A serial port to converters: one transfer, several data lines at once (docs/specification_interfaces.md section
 12)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
@@ -40,7 +40,7 @@ class SpiMaster(Block):
     start : In(1)
         Begin a transfer; only while ``idle``.
     select : In, command : In(bits)
-        Which select falls and what is sent; taken with ``start``.
+        Number of the select that falls, and the bits to send; taken with ``start``.
     idle : Out(1)
         No transfer, and select has been high long enough.
     done : Out(1)
@@ -63,8 +63,8 @@ class SpiMaster(Block):
         m = Module()
         plan, pins = self.spec, self.pins
         halves = 2 * plan.chip.bits
-        lines = Signal(plan.lines, init=(1 << plan.lines) - 1)
-        m.submodules.synchroniser = FFSynchronizer(pins.miso, lines, init=(1 << plan.lines) - 1)
+        lines = Signal(plan.lines)
+        m.submodules.synchroniser = FFSynchronizer(pins.miso, lines)
         # Half periods to go: halves + 1 while select leads, then high (even) and low (odd) in turn, 0 with
         # select high.
         place = Signal(range(halves + 2))

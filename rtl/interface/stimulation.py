@@ -1,4 +1,4 @@
-"""Stimulation: the stimulator's line from decisions or positions, wiring only (docs/specification.md section
+"""Stimulation: the stimulator's line from decisions or positions, wiring only (docs/specification_interfaces.md section
 14)."""
 
 import math
@@ -58,7 +58,7 @@ class Stimulation(wiring.Component):
         super().__init__(
             inputs("fault", settings=settings_layout)
             | outputs("on")
-            | {name: In(struct("valid", payload=layout)), "tx": Out(1, init=1)}
+            | {name: In(struct("valid", payload=layout)), "tx": Out(1)}
         )
 
     def elaborate(self, platform):

@@ -1,4 +1,4 @@
-"""The stimulator's frames, byte by byte, and their safety rules (docs/specification.md section 14)."""
+"""The stimulator's frames, byte by byte, and their safety rules (docs/specification_interfaces.md section 14)."""
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring

@@ -1,5 +1,5 @@
 """Stimulus: the wanted electrode, for decisions by a table, for positions by the array's size
-(docs/specification.md section 14)."""
+(docs/specification_interfaces.md section 14)."""
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Position of the touch, and direction of a slide (docs/specification.md section 13)."""
+"""Position of the touch, and direction of a slide (docs/specification_interfaces.md section 13)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 
@@ -9,8 +9,13 @@ FRACTION = 4
 """Fraction bits of a position."""
 
 position_layout = struct(x=8, y=8, peak=8, ended=1, direction=3)
-"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` those of the touch's last frame
+"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` the values of the touch's last frame
 and the direction of its slide: 0 none, 1 right, 2 left, 3 down, 4 up."""
+
+
+def up_to(largest: int) -> range:
+    """Numbers from 0 to ``largest``."""
+    return range(largest + 1)
 
 
 class TouchPosition(Block):
@@ -51,14 +56,14 @@ class TouchPosition(Block):
         above = Signal(signed(len(sample) + 2))
         m.d.comb += above.eq(sample - Const(interface.position_rest, signed(len(sample) + 1)))
         top = (1 << len(sample)) - 1
-        height = Signal(range(top + 1))
+        height = Signal(up_to(top))
         m.d.comb += height.eq(Mux(above > interface.position_threshold, above[: len(sample)], 0))
 
         # ---------------------------------------------------------------- one frame's sums; widths: all cells at the top
-        total = Signal(range(cells * top + 1))
-        in_row = Signal(range(interface.columns * top + 1))
-        across = Signal(range(cells * interface.columns * top + 1))
-        down = Signal(range(cells * interface.rows * top + 1))
+        total = Signal(up_to(cells * top))
+        in_row = Signal(up_to(interface.columns * top))
+        across = Signal(up_to(cells * interface.columns * top))
+        down = Signal(up_to(cells * interface.rows * top))
         place = Signal(range(cells))
         column = Signal(range(interface.columns))
         largest = Signal.like(height)
@@ -92,11 +97,11 @@ class TouchPosition(Block):
         # ---------------------------------------------------------------- the divider: the quotient's bits, highest first
         whole = (max(interface.rows, interface.columns) - 1).bit_length()  # bits in front of the point
         bits = whole + FRACTION + 1  # one more, to round
-        rest = Signal(range(2 * max(interface.rows, interface.columns) * cells * top + 1))
-        other = Signal(range(interface.rows * cells * top + 1))
+        rest = Signal(up_to(2 * max(interface.rows, interface.columns) * cells * top))
+        other = Signal(up_to(interface.rows * cells * top))
         divisor = Signal.like(total)
         quotient = Signal(bits)
-        left = Signal(range(bits + 1))
+        left = Signal(up_to(bits))
         second = Signal()
         scaled = divisor << whole
         doubled = rest << 1
@@ -108,7 +113,7 @@ class TouchPosition(Block):
         peak = Signal(8)
         first_x = Signal(8)
         first_y = Signal(8)
-        known = Signal()  # x and y are those of a frame
+        known = Signal()  # x and y belong to a frame
         m.d.sync += known.eq(0)
         with m.If(left != 0):
             m.d.sync += [
@@ -122,7 +127,7 @@ class TouchPosition(Block):
                     m.d.sync += [y.eq(rounded), known.eq(1), second.eq(0)]
                 with m.Else():
                     m.d.sync += [x.eq(rounded), rest.eq(other), left.eq(bits), second.eq(1)]
-        over = Signal()  # the frame has no touched cell, and the one before had
+        over = Signal()  # the frame has no touched cell, and the frame before had
         m.d.sync += over.eq(last & (total_now == 0) & touch)
         with m.If(last):
             m.d.sync += [*(signal.eq(0) for signal in frame), touch.eq(total_now != 0)]

@@ -79,7 +79,7 @@ class CellProgram:
     """A cell as data: rows before the features arrive, rows after, element-wise operations, regions of the
     memories.
 
-    Rows read the new state if every block it is made from comes before them, otherwise that of the previous
+    Rows read the new state if every block it is made from comes before them, otherwise the state of the previous
     step. Element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are
     zeroed before a touch. ``hidden`` names the region of the hidden state; empty if there is none.
     """
@@ -114,7 +114,7 @@ def gru_reset_before() -> CellProgram:
     r_before, r = _gate_in_two_parts("r", "sigmoid")
     n = RowBlock("n", (("W_n", "x"), ("U_n", "rh")), "tanh", "n", "b_n", "tanh")
     reset = ElementOp("reset", (("S.h", "r"),), state="rh", between=True)
-    # z h + (1 - z) n as n + z (h - n): one multiplication, and exact before the one rounding
+    # z h + (1 - z) n as n + z (h - n): one multiplication, and exact before the rounding
     blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n", between=True)
     return CellProgram(
         (r_before, z_before),

@@ -69,7 +69,7 @@ class Pass:
 
     rows, columns, channels: of its input map, which a dense layer sees as one place. outputs: channels of its
     result. group: lanes that it fills at once. pairs: these make the channels of two places. weights,
-    addends: where its own begin. number: of its layer.
+    addends: where this pass's addends begin. number: of its layer.
     """
 
     number: int
@@ -104,7 +104,7 @@ class Pass:
 
     @property
     def radius(self) -> int:
-        """Places that a kernel reaches beyond its own."""
+        """Places that a kernel reaches beyond its centre."""
         return self.kernel // 2
 
     @property
@@ -262,12 +262,12 @@ class ImagePlan:
     def _passes(self, shifts_of_layers: Sequence[int]) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         shifts, place, addends = iter(shifts_of_layers), {False: 0, True: 0}, 0
-        for stage, behind in zip(self.stages, [*self.stages[1:], None], strict=True):
+        for stage, following in zip(self.stages, [*self.stages[1:], None], strict=True):
             if isinstance(stage.layer, Pool):
                 continue
             dense, pool = (
                 isinstance(stage.layer, Dense),
-                behind is not None and isinstance(behind.layer, Pool),
+                following is not None and isinstance(following.layer, Pool),
             )
             conv = isinstance(stage.layer, Conv)
             rows, columns, channels = (1, 1, math.prod(stage.source)) if dense else stage.source

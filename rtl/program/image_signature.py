@@ -1,7 +1,7 @@
 """The signature that an image makes of its passes and weights, and the check words that bring it to zero:
-docs/specification.md section 11.
+docs/specification_interfaces.md section 11.
 
-Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width are those of
+Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width come from
 `eskin.rtl.program.signature`.
 """
 
@@ -17,7 +17,7 @@ BIAS_WORD_BITS = 25
 
 
 def tap_places(pass_: Pass) -> np.ndarray:
-    """For each tap of a pass, in order, the number of its weights among those of the pass."""
+    """For each tap of a pass, in order, the number of its weights among the weights of the pass."""
     kernel = np.arange(pass_.kernel * pass_.span * pass_.channels).reshape(
         pass_.kernel, pass_.span, pass_.channels
     )

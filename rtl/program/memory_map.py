@@ -107,7 +107,7 @@ DECISION_FIELDS: Fields = {
     "PARTIAL": (30, 30),
     "UNSURE": (31, 31),
 }
-"""The decision word behind a bus (docs/specification.md, section 17)."""
+"""The decision word behind a bus (docs/specification_interfaces.md, section 17)."""
 NO_DECISION = 0xFFFF_FFFF
 """The word that DECISION reads while no decision waits."""
 
@@ -116,7 +116,7 @@ class Described(IntEnum):
     """A register: its address, and its description in the files of a design (`eskin.rtl.program.register_files`).
 
     access: ``ro``, ``wo``, ``rw``. text: its content. fields: bits, or names with places; without them it is
-    one value. reset: None where it depends on the design. effect: of a read or a write, beside its own.
+    one value. reset: None where it depends on the design. effect: of a read or a write, beside the value's.
     """
 
     access: str
@@ -366,7 +366,7 @@ def memory_images(config: AcceleratorConfig, arrays: Arrays, program: CellProgra
 
 
 def prototype_words(config: AcceleratorConfig) -> int:
-    """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first that of the
+    """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first the place of the
     touch under way; of each class the prototypes, then the taught places), value by value; with ``checksum``
     the parity above each."""
     rule = config.readout_rule
@@ -519,7 +519,7 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     if interface.converter.name != "none":
         registers.append(register.CONVERTER_FAULTS)
     if interface.converter.name != "none" and interface.stimulator != "none":
-        registers += [one for one in register if one >= register.STIM_AMPLITUDE]
+        registers += [row for row in register if row >= register.STIM_AMPLITUDE]
     return registers
 
 

@@ -35,7 +35,7 @@ CONTROLS = tuple(
 - logit, ends_step: it goes to the classifier; it is the step's last.
 - element_*: the same for the element-wise lane. The sum starts at the rounding constant, plus T with ``add``.
 - t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top.
-- scale: the gate memory's address is that of the scale of the window's length.
+- scale: the gate memory's address points at the scale of the window's length.
 - state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state.
 - released: the window has been read.
 - in_step: phases A and B up to the last logit, without the prologue and what the chain takes in afterwards.
@@ -96,6 +96,9 @@ class Layout:
         self.checks = tuple((length, 0) for length in range(lengths))
         if config.sets > 1:
             self.checks = tuple((length, step) for step, length in enumerate(config.length_index))
+            if config.follows_touch:  # each step with each length, in powers of two
+                every = [min(length, lengths - 1) for length in range(1 << self.scale_bits)]
+                self.checks = tuple((length, step) for step in range(config.sets) for length in every)
         align = 1 << (len(self.checks) - 1).bit_length()
         if config.constants > 1:
             self.check_base = max(align, 1 << (self.scale_words + 1).bit_length())
@@ -182,8 +185,8 @@ class Microcode:
             zeros = {self._operand: self.layout.state_zero, "t": self.layout.t_zero}
             self._set(self.judged - 1, **zeros)
             self._set(self.judged, minus=int(bool(plan.program.t_regions)))
-            held = self._slots.get(self.wait, {})
-            if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
+            waiting = self._slots.get(self.wait, {})
+            if waiting.get("gate_write") or (waiting.get("t_write") and not waiting.get("value")):
                 raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
         for fields in self.slots:
@@ -401,7 +404,7 @@ class Microcode:
             controls = {name: fields.get(name, 0) for name in CONTROLS}
             addresses = {name: fields[name] for name in ADDRESSES if name in fields}
             last = words[-1] if words else None
-            # a step begins with a word of its own, and so do the wait, what follows it, and the last slot
+            # a step begins with a separate word, and so do the wait, what follows it, and the last slot
             joins = slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
             if last is not None and joins and all(last[name] == value for name, value in controls.items()):
                 count = last["repeat"] + 1

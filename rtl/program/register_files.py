@@ -68,7 +68,7 @@ class Entry:
 
 
 def entry(register: Described, count: int = 1, reset: int | None = None) -> Entry:
-    """``register`` as the files have it; ``reset`` in place of its own where that depends on the design."""
+    """``register`` as the files have it; ``reset`` in place of the register's value where that depends on the design."""
     bits = 32 if isinstance(register, ShellRegister) else 16
     begin = reset if register.reset is None else register.reset
     places: Iterable[tuple[str, int, int, str]]
@@ -95,8 +95,8 @@ def entry(register: Described, count: int = 1, reset: int | None = None) -> Entr
 
 
 def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True) -> list[Entry]:
-    """The registers of a design, by address; behind a bus (``shell``) those of its shell too, ``samples``
-    those that take samples."""
+    """The registers of a design, by address; behind a bus (``shell``) the shell's registers too, with ``samples``
+    the registers that take samples."""
     words = len(mask_words(config))
     present = [register for register in Register if register in mapped(config)]
     begin: dict[int, int] = {
@@ -107,10 +107,10 @@ def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True
         begin[Register.MASK] = 0
     several: dict[int, int] = {Register.MASK: words, Register.TAXEL_FAULTS: words}
     fed = (ShellRegister.SAMPLE, ShellRegister.SAMPLE_PAIR, ShellRegister.NEXT_TAXEL)
-    behind = [register for register in ShellRegister if shell and (samples or register not in fed)]
+    shells = [register for register in ShellRegister if shell and (samples or register not in fed)]
     return [
         entry(register, several.get(int(register), 1), begin.get(int(register)))
-        for register in (*present, *interface_registers(config), *behind, *teach_registers(config))
+        for register in (*present, *interface_registers(config), *shells, *teach_registers(config))
     ]
 
 

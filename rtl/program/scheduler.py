@@ -3,7 +3,7 @@
 A cell is a `CellProgram`: blocks of rows (matrix-vector products) for the lanes, and element-wise operations
 for the element-wise lane. `schedule` places every multiply of one recurrent step in a slot, by the pipeline's
 latencies. rtl/program/microcode.py turns the placed operations into the words that the sequencer runs. The
-cycle count of a step is read off the result; nothing is estimated. The cells' formulas are those of
+cycle count of a step is read off the result; nothing is estimated. The cells' formulas stand in
 docs/specification.md, section 5.
 
 A step has two phases. Phase A needs only the old state and starts as soon as the step before has ended; phase
@@ -116,7 +116,7 @@ class Schedule:
 
     @property
     def decision_slots(self) -> int:
-        """Slots from the start of phase B to the one in which the last logit is taken."""
+        """Slots from the start of phase B to the slot in which the last logit is taken."""
         last = max(op.cycle for op in self.mac_after if op.last)
         return last + self.timing.row + self.groups[-1].rows - 1
 
@@ -197,8 +197,8 @@ class Scheduler:
     are ready.
 
     Slots are counted from the start of phase A through phase B: while the engine waits for the window between
-    them, no slot passes. Where a row and an element-wise operation want the table in one slot, the one that
-    was issued first has it. With ``yields`` an element-wise operation waits for a group that ends within
+    them, no slot passes. Where a row and an element-wise operation want the table in one slot, the operation
+    that was issued first has it. With ``yields`` an element-wise operation waits for a group that ends within
     AHEAD slots.
     """
 
@@ -344,20 +344,20 @@ class Scheduler:
             return op, index, 1
         if self.shared and not (self._group_starts and cycle >= self.lane_free):
             return None
-        kept = self._table_kept_for_rows(cycle)
+        rows = self._table_kept_for_rows(cycle)
         for k, (op, index) in enumerate(self.pending):
             state_is_read = self.position > self.last_old.get(op.state, -1)
-            if state_is_read and self._element_ready(op, index, cycle, kept):
+            if state_is_read and self._element_ready(op, index, cycle, rows):
                 del self.pending[k]
                 return op, index, 0
         return None
 
-    def _element_ready(self, op: ElementOp, index: int, cycle: int, kept: range) -> bool:
+    def _element_ready(self, op: ElementOp, index: int, cycle: int, rows: range) -> bool:
         for term in range(len(op.terms)):
             if any(self.ready.get(key, 0) > cycle + term for key in self._operands(op, term, index)):
                 return False
         table = cycle + len(op.terms) - 1 + self.timing.element_to_table
-        return not (op.activated and (table in self.table_busy or table in kept))
+        return not (op.activated and (table in self.table_busy or table in rows))
 
     def _table_kept_for_rows(self, cycle: int) -> range:
         """Slots of the table that an element-wise operation leaves to a group that ends soon (``yields``)."""

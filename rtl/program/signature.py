@@ -1,5 +1,5 @@
 """The signature that a step makes of every constant it reads, and the check words that bring it to zero:
-docs/specification.md section 11.
+docs/specification_interfaces.md section 11.
 
 Plain Python (no Amaranth), so that command line and benches can share it. The hardware is
 `eskin.rtl.engine.memory_check`.
@@ -95,7 +95,7 @@ def residue(code: Microcode, images: Contents, check: int) -> int:
 
 
 def check_words(code: Microcode, images: Contents) -> list[int]:
-    """The check words (two's complement): with the one of its number, read where the program reads it, a
+    """The check words (two's complement): with the check word of its number, read where the program reads it, a
     step's signature ends as 0.
 
     Parameters

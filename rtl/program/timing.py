@@ -13,7 +13,7 @@ STATE_BEATS = 3
 VERDICT_CYCLES = 3
 """Cycles for which the last beat of a frame waits for the verdict on an onset."""
 FRAME_EXTRA_CYCLES = 4 + VERDICT_CYCLES
-"""Most cycles of a frame beyond those of its taxels: the way to the windows, the read of the mean, the verdict."""
+"""Most cycles of a frame beyond its taxels' cycles: the way to the windows, the read of the mean, the verdict."""
 
 
 def detector_latency(config: AcceleratorConfig) -> int:

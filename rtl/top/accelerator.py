@@ -181,7 +181,8 @@ class Accelerator(wiring.Component):
             frames = door.o
         wiring.connect(m, frames, front_end.i)
         wiring.connect(m, front_end.o, engine.i)
-        m.d.comb += front_end.mask.eq(control.mask)
+        drive(m, front_end, mask=control.mask, flush=control.finish)
+        m.d.comb += self.classifier.longest.eq(engine.partial)
         drive(m, engine, decider_idle=idle, blank=front_end.blank)
         sums = front_end.averager.o
         drive(m, self.probe.sum, valid=sums.valid & sums.ready, value=~sums.p.complement)
@@ -199,7 +200,7 @@ class Accelerator(wiring.Component):
         return front_end, engine
 
     def _nearest(self, m: Module, readout: PrototypeReadout, engine: Engine) -> None:
-        """Prototypes in place of logits, wired to what they compare and to who decides."""
+        """Connect the prototype readout: vectors in, scores to the classifier."""
         config, classifier, control = self._config, self.classifier, self.control
         vector = engine.state if config.recurrent else engine.logit
         m.submodules.readout = readout

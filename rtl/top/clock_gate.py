@@ -16,7 +16,7 @@ from amaranth.hdl import (
 from eskin.rtl.common import CHIP
 
 CELL = "top_clock_gate"
-"""The clock-gate cell, which each process names in its own way. Ports: CLK, CE, GCLK; CE is held while CLK is
+"""The clock-gate cell, which each process names differently. Ports: CLK, CE, GCLK; CE is held while CLK is
 high."""
 
 

@@ -1,4 +1,4 @@
-"""The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and
+"""The accelerator behind a converter: pins in, decisions out (docs/specification_interfaces.md section 12). Wiring, and
 the effect of a broken frame."""
 
 from amaranth.hdl import Module, Mux, Signal

@@ -32,7 +32,7 @@ Bus = Literal["wishbone", "axi4lite"]
 """Buses that there is a front for."""
 FRONTS: Record = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront}
 Source = Literal["host", "stream", "converter"]
-"""Sender of the frames: who sends the model, an AXI-Stream, or the configuration's converter."""
+"""Sender of the frames: the sender of the model, an AXI-Stream, or the configuration's converter."""
 Host = Literal["link", "wishbone", "axi4lite"]
 """Sender of the model: a host over a `UartLink`, a CPU behind a `BusShell`."""
 
@@ -66,7 +66,7 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
     """Refuse (InputError) features that a board without a host cannot have."""
     if config.interface.converter.name == "none":
         raise InputError(
-            "--standalone: there is no source of frames; add --converter NAME, or name one in the model's "
+            "`standalone`: there is no source of frames; add `converter` NAME, or name one in the model's "
             "config.json"
         )
     if config.opens_at_once:

@@ -1,4 +1,4 @@
-"""A chain that hangs goes back to idle: docs/specification.md section 11."""
+"""A chain that hangs goes back to idle: docs/specification_interfaces.md section 11."""
 
 from amaranth.hdl import Module, Signal
 
@@ -6,7 +6,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import Block, inputs, outputs
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.microcode import Microcode
-from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
+from eskin.rtl.program.schedule import frame_cycles, leaving_cycles, schedule, step_cycles
 from eskin.rtl.program.timing import readout_cycles
 
 QUIET_CYCLES = 64
@@ -23,13 +23,15 @@ def longest_wait(config: AcceleratorConfig) -> int:
         return step_cycles(config) + frame_cycles(config) + 4 * config.classes + QUIET_CYCLES
     code = Microcode(schedule(config))
     step = code.idle_words + len(code.slots)
-    held = (
+    ring = (
         (config.ring_frames + 2) * frame_cycles(config)
         if config.windows.window_mode == "touch"
         else 2 * frame_cycles(config)
     )
+    if config.follows_touch:
+        ring += leaving_cycles(config)
     pass_cycles = prototype_words(config) + config.windows.steps if config.readout_rule.taught else 0
-    return held + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
+    return ring + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
 
 
 def bound(config: AcceleratorConfig) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow
+from eskin.cosim.simulation import Simulation
 from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
@@ -16,11 +17,11 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import BUILD, cosimulate, expected_of
+from eskin.verbs.flow import cosimulate, expected_of
 from tests.support.array_touches import REST, touches
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
-from tests.support.small_designs import SMALL, behind
+from tests.support.small_designs import SMALL, with_converter
 from tests.support.touch_cuts import beginnings
 
 CONFIG = SMALL.replace(
@@ -28,25 +29,27 @@ CONFIG = SMALL.replace(
 )
 
 
-QUICK = behind("ads7953", sample_rate_hz=2500.0)
+QUICK = with_converter("ads7953", sample_rate_hz=2500.0)
 """As few cycles a frame as its scan leaves room for; one simulator serves whoever plays it."""
-TAGGED = behind(
+TAGGED = with_converter(
     "spi", delay=1, frame_bits=24, channel_bit=3, code_bit=4, code_bits=14, tag_bit=18, tag_bits=3
 )
 OTHER_ORDER = dict(bits=16, first=3, ascending=True, code_offset=3000, code_shift=1)
-MATRIX = behind("matrix", taxels=20, rows=4, columns=5, sample_rate_hz=500.0)
+MATRIX = with_converter("matrix", taxels=20, rows=4, columns=5, sample_rate_hz=500.0)
 RANDOM = {
     "ads7953": QUICK,
     "ads7953, one frame in eight": QUICK | {"scan_every": 8, "sample_rate_hz": 2000.0},
-    "mcp3208x2": behind("mcp3208x2"),
-    "mcp3208 in series": behind("mcp3208x2", data_lines=1, taxels=16, sample_rate_hz=500.0),
-    "ad7476": behind("ad7476"),
-    "spi": behind("spi", channels=5, taxels=10, frame_bits=22, command=1 << 21, channel_bit=18, code_bits=16),
+    "mcp3208x2": with_converter("mcp3208x2"),
+    "mcp3208 in series": with_converter("mcp3208x2", data_lines=1, taxels=16, sample_rate_hz=500.0),
+    "ad7476": with_converter("ad7476"),
+    "spi": with_converter(
+        "spi", channels=5, taxels=10, frame_bits=22, command=1 << 21, channel_bit=18, code_bits=16
+    ),
     "spi, late codes with numbers": TAGGED,
-    "ddc232": behind("ddc232", version="C", clock_hz=6e6),
-    "ddc232, 16 bits, other order": behind("ddc232", clock_hz=6e6, **OTHER_ORDER),
+    "ddc232": with_converter("ddc232", version="C", clock_hz=6e6),
+    "ddc232, 16 bits, other order": with_converter("ddc232", clock_hz=6e6, **OTHER_ORDER),
     "matrix": MATRIX,
-    "ads7953, other clock and shift": behind(
+    "ads7953, other clock and shift": with_converter(
         "ads7953", hz=4e5, code_shift=-1, code_offset=-3900, clock_hz=1.7e6, sample_rate_hz=700.0
     ),
 }
@@ -54,10 +57,12 @@ SMALL_ARRAY = dict(rows=13, columns=9, sample_rate_hz=50.0)
 CELLS = dict(code_offset=96, code_shift=0, hz=1e6)
 ELECTRODES = dict(code_offset=647, code_shift=-1)
 ARRAYS = {
-    "mpr121, 13 x 9": behind("mpr121", **ELECTRODES, **SMALL_ARRAY),
-    "two mpr121, 13 x 9": behind("mpr121", chips=2, **ELECTRODES, **SMALL_ARRAY | {"sample_rate_hz": 100.0}),
-    "matrix, 16 x 10": behind("matrix", rows=16, columns=10, sample_rate_hz=100.0, **CELLS),
-    "matrix, 13 x 9": behind("matrix", **CELLS, **SMALL_ARRAY),
+    "mpr121, 13 x 9": with_converter("mpr121", **ELECTRODES, **SMALL_ARRAY),
+    "two mpr121, 13 x 9": with_converter(
+        "mpr121", chips=2, **ELECTRODES, **SMALL_ARRAY | {"sample_rate_hz": 100.0}
+    ),
+    "matrix, 16 x 10": with_converter("matrix", rows=16, columns=10, sample_rate_hz=100.0, **CELLS),
+    "matrix, 13 x 9": with_converter("matrix", **CELLS, **SMALL_ARRAY),
 }
 """At a clock that is low enough to simulate them in seconds."""
 PIEZO = {"ddc232": {}, "spi": dict(channels=8, frame_bits=24, channel_bit=18, code_bits=16)}
@@ -69,8 +74,8 @@ RECORDED = [f"{preset}: {chip}" for preset in ("pvdf", "thesis") for chip in CHI
 
 def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
     """A configuration for a large array, and five recordings of a touch that slides over it."""
-    one = ARRAYS[name]
-    rows, columns = one["rows"], one["columns"]
+    array = ARRAYS[name]
+    rows, columns = array["rows"], array["columns"]
     config = CONFIG.replace(
         taxels=rows * columns,
         hop=6,
@@ -81,7 +86,7 @@ def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
         sample_bits=12,
         band_low=0,
         band_high=REST + 200,
-        **one,
+        **array,
     )
     slides = np.stack([touches(rows, columns, count=1, seed=k, frames=60)[0] for k in range(5)])
     rest, labels = slides[:, -3:], np.arange(5) % config.classes
@@ -100,13 +105,13 @@ def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings
     preset, chip = name.split(": ")
     if preset == "pvdf":  # piezo taxels, around whose rest level the converter's 4096 codes lie
         made = load_archive(shared_data / "pvdf_indent" / "recordings.npz")
-        fields = {"feature_shift": (4,)} | behind(
+        fields = {"feature_shift": (4,)} | with_converter(
             chip, **PIEZO.get(chip, dict(code_offset=-27352, code_shift=0))
         )
     else:  # the scene, whose 16 bits are rounded
         made, fields = (
             turn_recordings(persons=1, trials=2, rows=4, columns=4, sample_rate_hz=3000),
-            behind(chip, **SCENE.get(chip, {})),
+            with_converter(chip, **SCENE.get(chip, {})),
         )
     config = PRESETS[preset].replace(**fields)
     return config, beginnings(made, config)
@@ -123,31 +128,24 @@ def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings
 def test_exact_from_the_pins(name, shared_data, tmp_path):
     config, recordings = case_of(name, shared_data)
     model = random_integer_model(config, 3 if name in RECORDED else 5)
-    result = cosimulate(model, recordings, work=tmp_path)
-    way, sensor, clock_hz = result["conversion"], config.sensor, config.hardware.clock_hz
-    row = (
-        name,
-        sensor.taxels,
-        sensor.sample_rate_hz,
-        clock_hz,
-        result["compared_values"],
-        way["jitter_cycles"],
-    )
+    result = cosimulate(model, recordings, Simulation(), work=tmp_path)
+    way, sensor, clock_hz = result.conversion, config.sensor, config.hardware.clock_hz
+    row = (name, sensor.taxels, sensor.sample_rate_hz, clock_hz, result.compared_values, way.jitter_cycles)
     print("\n", *row, sep=" | ")  # a row of docs/figures.md
-    assert result["passed"] and result["pace"] == "declared", result["mismatch_list"]
-    assert result["recordings"] == len(recordings) and result["compared_values"] > 300
-    assert result["decisions"] > (10 if name in ARRAYS else 0)
-    assert way["faults"] == way["violations"] == result["overruns"] == 0
-    assert way["jitter_cycles"] < (1 if name in RANDOM else 1e-9)
+    assert result.passed and result.pace == "declared", result.mismatch_list
+    assert result.recordings == len(recordings) and result.compared_values > 300
+    assert result.decisions > (10 if name in ARRAYS else 0)
+    assert way.faults == way.violations == result.overruns == 0
+    assert way.jitter_cycles < (1 if name in RANDOM else 1e-9)
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))
 FAST = dict(clock_hz=4e6, taxels=16)
 TOLD = [
     (QUICK, (STUCK, STUCK, ORDER)),
-    *((behind(chip, **FAST), 3 * (STUCK | ORDER,)) for chip in ("mcp3208x2", "ad7476")),
+    *((with_converter(chip, **FAST), 3 * (STUCK | ORDER,)) for chip in ("mcp3208x2", "ad7476")),
     (TAGGED | {"clock_hz": 4e6}, 3 * (STUCK | ORDER,)),
-    (behind("ddc232", clock_hz=6e6), (STUCK, SILENT, READBACK)),
+    (with_converter("ddc232", clock_hz=6e6), (STUCK, SILENT, READBACK)),
     (MATRIX, (STUCK, STUCK, ORDER)),
     ("mpr121, 13 x 9", (SILENT, SILENT, READBACK)),
     ("two mpr121, 13 x 9", (0, 0, 0, READBACK)),
@@ -178,11 +176,11 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, ki
     recordings, codes = through_converter(made, config)
     design = generate(config, model.arrays, tmp_path / "design")
     vectors = expected_of(model, recordings, tmp_path / "vectors.npz", codes=codes)
-    played = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
-    said = played.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
+    played = flow.Run.of(design, vectors, Simulation(pace="declared"))
+    result = played.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
     halves: tuple[list, list] = [], []
-    for word, cycle in said["decisions"]:
-        halves[cycle > said["taken"][at + frames - 1]].append(word)
+    for word, cycle in result["decisions"]:
+        halves[cycle > result["taken"][at + frames - 1]].append(word)
     golden = []
     for low, high in ((0, at), (at + frames, len(recordings.samples))):
         offsets = np.array([0, high - low])
@@ -190,7 +188,7 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, ki
         golden.append(pack_decisions(config, run(model, part).streams["decision"][0]))
     # no end of a recording where the frames break: no partial decision
     assert halves[0] == [word for word in golden[0] if not word >> 30 & 1]
-    assert halves[1] == golden[1] and len(golden[1]) > 3 and said["faults"] & flagged
+    assert halves[1] == golden[1] and len(golden[1]) > 3 and result["faults"] & flagged
 
 
 @pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow, runner
+from eskin.cosim.results import Cycles
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
 from eskin.golden.model import Fixed, IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
@@ -57,10 +59,15 @@ def vectors(model, tmp_path_factory) -> Path:
 @pytest.fixture
 def play(design, vectors, tmp_path):
     """``play(**options)``: the shared design and vectors, in a work folder of the test's own."""
-    given = {"work": tmp_path / "work", "builds": BUILDS, "simulator": "verilator"}
-    return lambda design=design, vectors=vectors, job=flow.cosim, **options: job(
-        design, vectors, **given | options
-    )
+    apart = {"work": tmp_path / "work", "progress": lambda *move: None, "cycles": None}
+
+    def job(design=design, vectors=vectors, job=flow.cosim, **options):
+        given = {name: options.pop(name, value) for name, value in apart.items()}
+        if job is flow.cosim:
+            del given["cycles"]
+        return job(design, vectors, Simulation(**options), **given)
+
+    return job
 
 
 # ---------------------------------------------------------------- ways to play
@@ -76,39 +83,39 @@ def test_every_way_to_play_is_exact_and_counts_the_same(play, vectors, options):
     note = {"progress": lambda *move: moves.append(move)}
     results = {way: play(seed=5, **options | WAYS[way] | note) for way in WAYS if way not in others}
     assert moves[0][0].startswith("compiling") and (moves[-1][1:] == (3, 3)) == ("both" in results)
-    first, cycles = results["cocotb"], results["cocotb"]["cycles"]
+    first, cycles = results["cocotb"], results["cocotb"].cycles
     for way, result in results.items():
         here = IN_BULK.get(way, 0)
-        assert result["passed"] and result["verdict"] == "bit-exact" and result["frames"] == sum(LENGTHS)
-        assert (result["cocotb_recordings"], result["bulk_recordings"]) == (4 - here, here)
+        assert result.passed and result.verdict == "bit-exact" and result.frames == sum(LENGTHS)
+        assert (result.cocotb_recordings, result.bulk_recordings) == (4 - here, here)
         for name in (*SAME, *["simulated_cycles"] * (not here)):
-            assert result[name] == first[name], name
+            assert getattr(result, name) == getattr(first, name), name
     with np.load(vectors) as archive:
         flat = sum(len(archive[stage]) for stage in ("sum", "feature", "state", "logit"))
         # each touch is open for long enough to look at it
         registers = 7 * len(NUMBERS) + (archive["touches"] > 0).sum()
-        assert first["compared_values"] == flat + archive["decision"].size + registers
-    met = {row["name"]: row["met"] for row in first["budgets"] if not row["reference"]}
+        assert first.compared_values == flat + archive["decision"].size + registers
+    met = {row.name: row.met for row in first.budgets if not row.reference}
     assert met == dict.fromkeys(("frame", "step", "decision") if options == DECLARED else ("step",), True)
-    assert first["probe"] == ("probe" in options)
+    assert first.probe == ("probe" in options)
     if "stalls" in options:
-        assert cycles["frame_max"] > frame_cycles(SMALL, ends_window=True)
+        assert cycles.frame_max > frame_cycles(SMALL, ends_window=True)
         other = play(seed=6, stalls=True)
-        assert other["passed"] and other["simulated_cycles"] != first["simulated_cycles"]
+        assert other.passed and other.simulated_cycles != first.simulated_cycles
     else:  # the design's own counter goes up to the last logit
-        counted = first["registers"]["LONGEST"] + logit_to_decision(SMALL) - 1
-        assert counted == cycles["step_max"] == schedule(SMALL).step_cycles
+        counted = first.registers["LONGEST"] + logit_to_decision(SMALL) - 1
+        assert counted == cycles.step_max == schedule(SMALL).step_cycles
 
 
 def test_a_clock_below_the_lowest_misses_a_budget(play):
     lowest = play(job=flow.lowest_clock)
-    slower = play(pace="declared", clock_hz=0.95 * lowest["clock_hz"])
-    assert lowest["passed"] and slower["bit_exact"] and not slower["passed"]
-    # counts that ask for too much, as those of a clock at which steps wait for one another, do not keep the
+    slower = play(pace="declared", clock_hz=0.95 * lowest.clock_hz)
+    assert lowest.passed and slower.bit_exact and not slower.passed
+    # counts that ask for too much, as the counts of a clock at which steps wait for one another, do not keep the
     # search up there
-    asking = {name: 3 * count for name, count in lowest["cycles"].items() if count is not None}
+    asking = Cycles(**{name: 3 * count for name, count in lowest.cycles})
     again = play(job=flow.lowest_clock, cycles=asking)
-    assert again["clock_hz"] == lowest["clock_hz"]
+    assert again.clock_hz == lowest.clock_hz
 
 
 def test_recordings_without_a_touch_are_no_proof(model, play, tmp_path):
@@ -116,7 +123,7 @@ def test_recordings_without_a_touch_are_no_proof(model, play, tmp_path):
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, quiet), quiet, [0, 1])
     for options in ({}, {"cocotb": ()}, {"job": flow.lowest_clock}):
         result = play(vectors=vectors, **options)
-        assert result["bit_exact"] and result["verdict"] == "no decision" and not result["passed"]
+        assert result.bit_exact and result.verdict == "no decision" and not result.passed
 
 
 # ---------------------------------------------------------------- designs
@@ -147,7 +154,7 @@ def at_the_ends(config: AcceleratorConfig) -> IntegerModel:
 
 
 FEW = SMALL.replace(hop=60, window=121, touch_frames=240, steps=3, lanes=16)
-"""Windows are so long that no step holds a frame up: what is measured is the frame's own."""
+"""Windows are so long that no step holds a frame up: the frame's own time is measured."""
 FREE = dict(
     rest="initial",
     rest_frames=4,
@@ -192,10 +199,10 @@ def test_a_design_is_exact(name, tmp_path):
     config, lengths = DESIGNS[name]
     model = at_the_ends(config) if "bits" in name else random_integer_model(config, 3)
     recordings = random_recordings(model.config, lengths, 3)
-    result = cosimulate(model, recordings, simulator="icarus", work=tmp_path, builds=BUILDS)
-    assert result["bit_exact"] and result["decisions"] > 2, result["mismatch_list"]
+    result = cosimulate(model, recordings, Simulation(simulator="icarus"), work=tmp_path)
+    assert result.bit_exact and result.decisions > 2, result.mismatch_list
     if config.windows.hop == FEW.windows.hop:
-        assert 3 <= result["cycles"]["frame_max"] <= frame_cycles(config)
+        assert 3 <= result.cycles.frame_max <= frame_cycles(config)
 
 
 # ---------------------------------------------------------------- faults
@@ -241,7 +248,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
-    file, old, new, options, said = FAULTS[fault]
+    file, old, new, options, expected = FAULTS[fault]
     broken, options = shutil.copytree(design, tmp_path / "broken"), options | ICARUS | {"waves": False}
     right = broken / file if (broken / file).exists() else COSIM / file
     text, count = re.subn(old, new if callable(new) else lambda _: new, right.read_text(), count=1)
@@ -257,16 +264,16 @@ def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
     elif file == "wrapper.sv":
         monkeypatch.setattr(runner, "build", partial(runner.build, wrapper=broken / file))
     if "ID" in fault:
-        with pytest.raises(SimulationError, match=said):
+        with pytest.raises(SimulationError, match=expected):
             play(design=broken, **options)
         return
     result = play(design=broken, **options)
-    told = result["mismatch_list"][0]
-    assert not result["passed"] and said in told
-    assert result["verdict"] == ("gave up" if "stage input" in told else "differs")
+    sentence = result.mismatch_list[0]
+    assert not result.passed and expected in sentence
+    assert result.verdict == ("gave up" if "stage input" in sentence else "differs")
     if fault == "nothing is taken":
         again = play(design=broken, job=flow.lowest_clock, **options)
-        assert again["pace"] == "declared" and again["gave_up"]["recording"] == NUMBERS[0]
+        assert again.pace == "declared" and again.gave_up.recording == NUMBERS[0]
 
 
 SEEDS = {
@@ -289,7 +296,7 @@ SEEDS = {
     "LONGEST of frames": ("measure=measure,", "measure=0,"),
     "TOUCHES constant": ("TOUCHES: state.touches", "TOUCHES: 1"),
 }
-"""What is wrong with the registers (rtl/host/control.py) -> its text, another text."""
+"""Faults of the registers (rtl/host/control.py) -> its text, another text."""
 
 
 @pytest.mark.parametrize(
@@ -308,10 +315,10 @@ def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings)
     ways = {"icarus": ICARUS, "bulk": {"simulator": "verilator", "cocotb": ()}}
     for way in ways if seed in (None, "CHECKSUM always", "TOUCHES constant") else ("icarus",):
-        options = {"work": tmp_path / way, "builds": tmp_path / "builds", "waves": False}
-        result = flow.cosim(design, vectors, **options, **ways[way])
-        assert result["passed"] == (seed is None), result["mismatch_list"]
-        assert seed is None or "stage status" in result["mismatch_list"][0]
+        how = Simulation(builds=tmp_path / "builds", waves=False, **ways[way])
+        result = flow.cosim(design, vectors, how, work=tmp_path / way)
+        assert result.passed == (seed is None), result.mismatch_list
+        assert seed is None or "stage status" in result.mismatch_list[0]
 
 
 def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path):
@@ -327,13 +334,13 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
     for options in (ICARUS, {"cocotb": (), "waves": False}):
         result = play(vectors=tmp_path / "changed.npz", **options)
-        assert result["mismatches"] == 1 and not result["passed"]
-        assert result["mismatch_list"][0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
+        assert result.mismatches == 1 and not result.passed
+        assert result.mismatch_list[0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
         if "waves" in options:
             continue
-        shown = json.loads((Path(result["waves"]) / "result.json").read_text())
+        shown = json.loads((Path(result.waves) / "result.json").read_text())
         assert shown["mismatch_list"][0].startswith(place)
-        waves = (Path(result["waves"]) / "waves.vcd").read_text()
+        waves = (Path(result.waves) / "waves.vcd").read_text()
         assert " probe__state__value " in waves and waves.count("\n#") > 2 * 500  # WAVES_AFTER of the bench
 
 
@@ -363,7 +370,7 @@ def test_folders_may_have_any_name(design, play, tmp_path, simulator, monkeypatc
     there = {name: odd / name for name in ("design", "work", "builds")}
     shutil.copytree(design, there["design"])
     monkeypatch.setattr("tempfile.tempdir", str(odd))
-    assert play(simulator=simulator, **there)["bit_exact"]
+    assert play(simulator=simulator, **there).bit_exact
 
 
 def test_a_simulation_that_takes_too_long_is_ended(play, monkeypatch):
@@ -386,11 +393,11 @@ def test_bad_options_are_one_sentence(play, vectors, tmp_path):
     with np.load(vectors) as archive:
         np.savez(tmp_path / "other.npz", **dict(archive) | {"samples": archive["samples"][:, :3]})
     wrong = {
-        "--clock 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
+        "`clock_hz` 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
         "has 3 taxels and the accelerator has 4": {"vectors": tmp_path / "other.npz"},
     }
-    for said, options in wrong.items():
-        with pytest.raises(InputError, match=said):
+    for words, options in wrong.items():
+        with pytest.raises(InputError, match=words):
             play(**options)
     assert not (tmp_path / "work").exists()
 
@@ -405,15 +412,15 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
 ):
     """In a folder with a blank in its path."""
     folder = generate_design(model.with_lanes(lanes), tmp_path / "my out", **options)
-    kept = (folder / "vectors.npz").read_bytes()
+    before = (folder / "vectors.npz").read_bytes()
     monkeypatch.setenv("PYTHONOPTIMIZE", "1")  # without asserts
     done = make(folder, simulator)
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout
     for stage in ("sum", "state", "decision"):
-        (folder / "vectors.npz").write_bytes(kept)
-        said = flip(folder, stage, 1)
+        (folder / "vectors.npz").write_bytes(before)
+        sentence = flip(folder, stage, 1)
         done = make(folder, simulator)
-        assert done.returncode and said in done.stdout
+        assert done.returncode and sentence in done.stdout
 
 
 def test_a_generated_bench_that_compares_nothing_fails(model, tmp_path, monkeypatch):

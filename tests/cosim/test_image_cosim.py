@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model import IntegerModel, run_images, write_image_vectors
@@ -68,27 +69,29 @@ def test_every_map_is_exact(name, tmp_path):
     model = model_of(*sizes, **fields)
     config, plan = model.config, plan_of(model.config)
     images = image_recordings(config, random_images(config, count, seed=2))
-    result = cosimulate(model, images, work=tmp_path / "work", **{"simulator": "icarus"} | options)
-    kept = sum(math.prod(one.result) for one in plan.passes[:-1])
+    result = cosimulate(
+        model, images, Simulation(**{"simulator": "icarus"} | options), work=tmp_path / "work"
+    )
+    map_values = sum(math.prod(part.result) for part in plan.passes[:-1])
     # of an image a local decision and a global one, six fields each
-    wanted = {"map": count * kept, "logit": count * config.classes, "decision": 12 * count}
-    assert result["bit_exact"] and kept > 50, result["mismatch_list"]
-    assert {stage: result["stages"][stage]["compared_values"] for stage in wanted} == wanted
-    cycles, registers, lanes = result["cycles"], result["registers"], config.hardware.lanes
-    assert cycles["step_min"] == cycles["step_max"] == step_cycles(config)
+    wanted = {"map": count * map_values, "logit": count * config.classes, "decision": 12 * count}
+    assert result.bit_exact and map_values > 50, result.mismatch_list
+    assert {stage: result.stages[stage].compared_values for stage in wanted} == wanted
+    cycles, registers, lanes = result.cycles, result.registers, config.hardware.lanes
+    assert cycles.step_min == cycles.step_max == step_cycles(config)
     if name.startswith("defended"):
         assert registers["FAULTS"] & ~Fault.INPUT_STALLED == 0
     if name == "defended":
-        assert cycles["decision_latency_max"] == decision_cycles(config)
+        assert cycles.decision_latency_max == decision_cycles(config)
         assert registers["LONGEST"] == plan.logit_cycles
     large = config.classes == len(LARGE)
     if large:
-        assert cycles["step_max"] <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
+        assert cycles.step_max <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
     # 28 rows at 1000 Hz are over before one lane at 12 MHz has an image, as 5 before 4 lanes at 60 kHz have one
     late = name == "defended, declared" or (large and lanes == 1)
-    assert result["passed"] != late and result["probe"] == ("write" in name)
+    assert result.passed != late and result.probe == ("write" in name)
     if "netlist" in name:
-        cells = result["without_probes"]["cells"]
+        cells = result.without_probes.cells
         memories = cells.get("SB_SPRAM256KA", 0), cells.get("SB_MAC16", 0)
         assert memories == ((4, 8) if "icebreaker" in name else (0, 0))
 

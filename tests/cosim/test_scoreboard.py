@@ -1,11 +1,13 @@
 """The scoreboard sees every kind of difference, and says where it is."""
 
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eskin.cosim.latency import budgets, needed_clock, step_limit_frames
+from eskin.cosim.results import Answer, Cycles
 from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Mismatch, Recording, Scoreboard
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
@@ -58,7 +60,7 @@ def expected() -> dict[str, np.ndarray]:
 
 
 @pytest.fixture
-def said(expected) -> dict:
+def events(expected) -> dict:
     """What hardware that agrees says: (recording, stage) -> values; (recording, "end") -> registers."""
     values: dict = {}
     for position, number in enumerate(NUMBERS):
@@ -77,34 +79,34 @@ def said(expected) -> dict:
     return values
 
 
-def judged(said, expected, config=CONFIG) -> Scoreboard:
+def judged(events, expected, config=CONFIG) -> Scoreboard:
     """The scoreboard behind all of it; value k of a stage came in cycle 100 + k."""
     scoreboard = Scoreboard(config, MAP)
     for position, number in enumerate(NUMBERS):
         scoreboard.begin(Recording(expected, position))
         for stage in (*FLAT_STAGES, "decision"):
-            values = said[number, stage]
+            values = events[number, stage]
             for part in (slice(0, 5), slice(5, None)):  # values come in pieces
                 scoreboard.check(stage, values[part], 100 + np.arange(len(values))[part])
-        for behind, status in said[number, "looks"].items():
-            scoreboard.look(behind, status)
-        scoreboard.faults = said.get((number, "faults"), 0)
-        scoreboard.end(said[number, "end"], TAKEN)
+        for after, status in events[number, "looks"].items():
+            scoreboard.look(after, status)
+        scoreboard.faults = events.get((number, "faults"), 0)
+        scoreboard.end(events[number, "end"], TAKEN)
     return scoreboard
 
 
-def test_agreement_counts_every_value(expected, said):
+def test_agreement_counts_every_value(expected, events):
     counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 6, "status": 2 * 8}
-    assert judged(said, expected).compared == counted
+    assert judged(events, expected).compared == counted
 
 
-def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, said):
+def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, events):
     expected["fault"], expected["fault_offsets"] = np.zeros(0), np.zeros(3, int)
-    said |= {(number, "fault"): np.zeros(0, np.int32) for number in NUMBERS}
-    assert "fault" not in judged(said, expected).compared
-    said[5, "fault"] = np.ones(1, np.int32)  # a value that nobody expects is seen all the same
+    events |= {(number, "fault"): np.zeros(0, np.int32) for number in NUMBERS}
+    assert "fault" not in judged(events, expected).compared
+    events[5, "fault"] = np.ones(1, np.int32)  # a value that nobody expects is seen all the same
     with pytest.raises(Mismatch, match="stage fault, index 0 .*expected nothing more, got 1"):
-        judged(said, expected)
+        judged(events, expected)
 
 
 def flipped(place: int, bits: int = 1):
@@ -163,37 +165,37 @@ FLAGS = [
 """Is taxel 2 of recording 5 flagged; FAULTS and TAXEL_FAULTS behind it; the mismatch."""
 
 
-@pytest.mark.parametrize(("number", "stage", "change", "told"), CHANGES)
-def test_every_difference_is_told_with_its_place(expected, said, number, stage, change, told):
-    aim, said[number, stage] = said.get((number, stage)), change(said.get((number, stage)))
-    with pytest.raises(Mismatch, match=told) as found:
-        judged(said, expected)
-    if told.startswith("frame 12"):
+@pytest.mark.parametrize(("number", "stage", "change", "sentence"), CHANGES)
+def test_every_difference_is_told_with_its_place(expected, events, number, stage, change, sentence):
+    aim, events[number, stage] = events.get((number, stage)), change(events.get((number, stage)))
+    with pytest.raises(Mismatch, match=sentence) as found:
+        judged(events, expected)
+    if sentence.startswith("frame 12"):
         value = aim[found.value.index]
         assert (found.value.expected, found.value.got) == (value, value ^ 1)
 
 
-@pytest.mark.parametrize(("flagged", "words", "told"), FLAGS)
-def test_fault_flags_at_the_end(expected, said, flagged, words, told):
+@pytest.mark.parametrize(("flagged", "words", "sentence"), FLAGS)
+def test_fault_flags_at_the_end(expected, events, flagged, words, sentence):
     expected["flags"] = np.array([[0, 0, flagged, 0], [0] * 4])
     for number, (faults, flags) in zip(NUMBERS, (words, (0, 0)), strict=True):
-        said[number, "end"] |= {"FAULTS": faults, "TAXEL_FAULTS": flags}
-    with pytest.raises(Mismatch, match=told) if told else nullcontext():
-        judged(said, expected, CONFIG.replace(fault_frames=16))
+        events[number, "end"] |= {"FAULTS": faults, "TAXEL_FAULTS": flags}
+    with pytest.raises(Mismatch, match=sentence) if sentence else nullcontext():
+        judged(events, expected, CONFIG.replace(fault_frames=16))
 
 
-def test_an_overrun_and_a_stalled_input_are_believed_only_where_they_can_be(expected, said):
+def test_an_overrun_and_a_stalled_input_are_believed_only_where_they_can_be(expected, events):
     """The third window ends in frame 12, in cycle 240: it can have to wait for room only while the first one's step is
     not over. At a pace that is not known both are."""
-    registers = said[5, "end"] | {"FAULTS": 8}
-    for first, taken, told in ((240, TAKEN, "expected 0, got 8"), (241, TAKEN, None), (9, None, None)):
+    registers = events[5, "end"] | {"FAULTS": 8}
+    for first, accepted, sentence in ((240, TAKEN, "expected 0, got 8"), (241, TAKEN, None), (9, None, None)):
         scoreboard = Scoreboard(CONFIG, MAP)
         scoreboard.begin(Recording(expected, 0))
         for stage in FLAT_STAGES:
-            scoreboard.check(stage, said[5, stage])
-        scoreboard.check("decision", said[5, "decision"], first + np.arange(4))
-        with pytest.raises(Mismatch, match=told) if told else nullcontext():
-            scoreboard.end(registers | {"FAULTS": 10 if taken is None else 8}, taken)
+            scoreboard.check(stage, events[5, stage])
+        scoreboard.check("decision", events[5, "decision"], first + np.arange(4))
+        with pytest.raises(Mismatch, match=sentence) if sentence else nullcontext():
+            scoreboard.end(registers | {"FAULTS": 10 if accepted is None else 8}, accepted)
 
 
 @pytest.mark.parametrize(("open_", "look"), [((0, 0), 0), ((3, 19), 0), ((3, 20), 11), ((1, 900), 9)])
@@ -203,7 +205,7 @@ def test_a_touch_is_looked_at_where_it_is_open_for_certain(expected, open_, look
     assert Recording(arrays, 0).look == look
 
 
-def test_cycles_are_extremes_over_all_recordings(expected, said):
+def test_cycles_are_extremes_over_all_recordings(expected, events):
     scoreboard = Scoreboard(CONFIG, MAP)
     for position, late in enumerate((9, 10)):
         recording = Recording(expected, position)
@@ -212,13 +214,15 @@ def test_cycles_are_extremes_over_all_recordings(expected, said):
         scoreboard.check("step", np.array([[10, 12], [11]][position]))
         for stage in FLAT_STAGES:
             scoreboard.check(stage, recording[stage])
-        scoreboard.check("decision", said[recording.number, "decision"], 20 * frames + late)
-        taken = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
-        scoreboard.end(said[recording.number, "end"], taken)
-    result = scoreboard.result(20)
-    assert (result["steps"], result["decisions"]) == (3, 7)
+        scoreboard.check("decision", events[recording.number, "decision"], 20 * frames + late)
+        accepted = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
+        scoreboard.end(events[recording.number, "end"], accepted)
+    result = Answer.of(
+        scoreboard, frame_max=20, frames=0, simulated_cycles=0, overruns=0, input_stalls=0, probe=False
+    )
+    assert (result.steps, result.decisions) == (3, 7)
     cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
-    assert result["cycles"] == cycles | {"step_ideal": CONFIG.step_ideal}
+    assert dict(result.cycles) == cycles | {"step_ideal": CONFIG.step_ideal}
 
 
 def test_step_limit_is_the_closest_pair_of_windows():
@@ -232,19 +236,19 @@ def test_step_limit_is_the_closest_pair_of_windows():
 
 def test_budgets_and_the_clock_that_meets_them():
     thesis = PRESETS["thesis"]
-    cycles = {"frame_max": 20, "step_min": 300, "step_max": 310, "decision_latency_max": 400}
+    cycles = Cycles(step_ideal=1, frame_max=20, step_min=300, step_max=310, decision_latency_max=400)
     clock = needed_clock(thesis, cycles)
     assert clock == 1200e3  # 400 cycles within 1/3000 s
 
     def table(clock_hz: float, pace: str = "declared", overruns: int = 0) -> list:
-        played = {"cycles": cycles, "clock_hz": clock_hz, "overruns": overruns, "pace": pace}
-        return [row for row in budgets(thesis, played) if not row["reference"]]
+        played = SimpleNamespace(cycles=cycles, clock_hz=clock_hz, overruns=overruns, pace=pace)
+        return [row for row in budgets(thesis, played) if not row.reference]
 
     def met(*given) -> dict:
-        return {row["name"]: row["met"] for row in table(*given)}
+        return {row.name: row.met for row in table(*given)}
 
     frame, step, _ = table(clock)
-    assert (frame["measured_s"], step["limit_s"]) == pytest.approx((20 / 1200e3, 1e-3))
+    assert (frame.measured_s, step.limit_s) == pytest.approx((20 / 1200e3, 1e-3))
     every = dict.fromkeys(("frame", "step", "decision"), True)
     assert met(clock) == every and met(clock - 1e4) == every | {"decision": False}
     assert met(clock, "declared", 1) == every | {"frame": False} and met(clock, "full", 9) == {"step": True}

@@ -83,8 +83,13 @@ def played(hardware: Hardware, config: AcceleratorConfig, codes: np.ndarray, wor
 
 def stimulated(found: Played, electrodes: list[int], config: AcceleratorConfig) -> bool:
     """The bursts on the stimulator's line that switch on are what the protocol's table says for these electrodes."""
-    one = config.interface
-    settings = (one.stim_amplitude, one.stim_delay, one.stim_frequency, one.stim_width)
+    interface = config.interface
+    settings = (
+        interface.stim_amplitude,
+        interface.stim_delay,
+        interface.stim_frequency,
+        interface.stim_width,
+    )
     bursts = bytes(byte for byte, _ in found.stim).split(b">OFF<")
     wanted = [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in electrodes]
     return [burst for burst in bursts if burst.endswith(b">ON<")] == wanted
@@ -223,15 +228,17 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255)]
     writes += [(int(Register.CONTROL), int(Control.ARM))]
     sent = b"".join(ordered_packet(number, address, [word]) for number, (address, word) in enumerate(writes))
-    asked = [names[name] for name in ("CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE")]
-    last = b"".join(read_packet(address) + b"\x7e" * 40 for address in asked)  # time for each answer
+    addresses = [names[name] for name in ("CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE")]
+    last = b"".join(read_packet(address) + b"\x7e" * 40 for address in addresses)  # time for each answer
     made = random_recordings(config, (650,), seed=6)
     made.samples[370:] = made.samples[0]
     options = dict(host=(sent, last), host_clocks=clocks, limit=3_000_000)
     bursts, heard, decided = plays_as_golden(hardware, model, made, tmp_path, **options)
-    told = [parse(body) for body in Unpacker().feed(heard)]
+    packets = [parse(body) for body in Unpacker().feed(heard)]
     assert (
-        [one.payload for one in told if isinstance(one, Decision)] == decided and bursts and len(decided) > 3
+        [packet.payload for packet in packets if isinstance(packet, Decision)] == decided
+        and bursts
+        and len(decided) > 3
     )
-    answers = {one.address: one.value for one in told if isinstance(one, Answer)}
-    assert [answers[address] for address in asked] == [0, 0, 255]
+    answers = {packet.address: packet.value for packet in packets if isinstance(packet, Answer)}
+    assert [answers[address] for address in addresses] == [0, 0, 255]

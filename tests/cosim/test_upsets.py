@@ -63,8 +63,8 @@ class Upsets:
             hangs = True
         events = device.seen()
         decided = events[events["stage"] == 0]
-        told = [row["also"] for row in decided if row["value"] >> 29 & 1 and row["cycle"] > begun + at]
-        faults = int([*told, device.read(Register.FAULTS)][0])
+        flags = [row["also"] for row in decided if row["value"] >> 29 & 1 and row["cycle"] > begun + at]
+        faults = int([*flags, device.read(Register.FAULTS)][0])
         first = int([*decided["cycle"], begun][0]) - begun
         cleared = bool((events["stage"] == HUNG).any())
         return Outcome(bool(faults & Fault.CHECKSUM), cleared, hangs, first, device.state.cycle - begun)
@@ -96,5 +96,5 @@ def test_the_watchdog_ends_every_hang(watchdog):
     bits = [(site.number, 0, 0, bit) for site in registers for bit in range(site.width)]
     chosen = rng.sample(bits, min(800, len(bits)))
     outcomes = [design.play(upset, rng.randrange(design.clean.cycles // 2)) for upset in chosen]
-    assert any(one.hangs for one in outcomes) != watchdog
-    assert any(one.cleared for one in outcomes) == watchdog
+    assert any(outcome.hangs for outcome in outcomes) != watchdog
+    assert any(outcome.cleared for outcome in outcomes) == watchdog

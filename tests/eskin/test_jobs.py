@@ -27,14 +27,6 @@ def times(shared, piece):
     return {"product": shared * piece}
 
 
-CALLS: list[int] = []
-
-
-def counted(_, piece):
-    CALLS.append(piece)
-    return len(CALLS)
-
-
 def threads(_, __):
     import torch
 
@@ -43,6 +35,10 @@ def threads(_, __):
 
 def this_code():
     return "the code of this test"
+
+
+def own_code():
+    return str(os.getpid())
 
 
 PIECES = {f"k{n}": n for n in range(6)}
@@ -123,18 +119,18 @@ def alive(pid: int) -> bool:
         return False
 
 
-def wait_until(what, process, said: Path, seconds: float = 600) -> None:
+def wait_until(what, process, output: Path, seconds: float = 600) -> None:
     limit = time.monotonic() + seconds
     while not what():
-        assert time.monotonic() < limit and process.poll() is None, said.read_text()
+        assert time.monotonic() < limit and process.poll() is None, output.read_text()
         time.sleep(0.05)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(tmp_path, number):
     (tmp_path / "job.py").write_text(SLOW)
-    said = tmp_path / "said"
-    with said.open("w") as out:
+    output = tmp_path / "output"
+    with output.open("w") as out:
         process = subprocess.Popen(
             [sys.executable, "job.py"],
             cwd=tmp_path,
@@ -149,7 +145,7 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
         wait_until(
             lambda: all(file.exists() for file in files) and (tmp_path / "kept" / "first.json").exists(),
             process,
-            said,
+            output,
         )
         pids = [int(word) for file in files for word in file.read_text().split()]
         assert len(pids) == 4 and all(map(alive, pids))
@@ -164,17 +160,17 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         process.wait()
-    assert said.read_text() == "" and [path.name for path in (tmp_path / "kept").iterdir()] == ["first.json"]
+    assert output.read_text() == "" and [path.name for path in (tmp_path / "kept").iterdir()] == [
+        "first.json"
+    ]
 
 
 # ---------------------------------------------------------------------- a cluster
-@pytest.fixture
+@pytest.fixture(scope="module")
 def scheduler():
-    """Address of a scheduler with two workers, threads of this process."""
+    """Address of a scheduler with two worker processes."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         yield cluster.scheduler_address
 
 
@@ -186,18 +182,7 @@ def test_a_cluster_gives_what_processes_give(scheduler, tmp_path):
     assert moves[-1] == ("done", 6, 6) and len(list(tmp_path.iterdir())) == 6
     with refused("piece bad"):
         jobs.results(times, {"a": "bad", "b": 1}, 7)
-    CALLS.clear()
-    # not answered from the cluster's memory
-    assert sorted(Jobs(dask=scheduler).results(counted, {"a": 1, "b": 1}).values()) == [1, 2]
-
-
-@pytest.mark.filterwarnings("default")
-def test_workers_of_other_code_are_refused(scheduler, monkeypatch):
-    calls = []
-
-    def version():
-        calls.append(0)
-        return str(len(calls))  # each call, here or there, another one
-
     with refused("has code or libraries that differ from this machine"):
-        Jobs(dask=scheduler, version=version).results(times, PIECES, 7)
+        Jobs(dask=scheduler, version=own_code).results(times, PIECES, 7)
+    with refused("a worker process ended"):
+        jobs.results(times, {"a": "die", "b": 1}, 7)

@@ -34,7 +34,7 @@ def compare(folder, lines):
 
 
 @pytest.mark.parametrize(
-    "lines, said",
+    "lines, verdict",
     [
         ([*LINES, END], "2 decisions compared, 0 differ"),
         ([LINES[0].replace("00749", "00750"), LINES[1], END], "2 decisions compared, 1 differ"),
@@ -43,9 +43,9 @@ def compare(folder, lines):
     ],
     ids=["same", "other", "late", "broken-off"],
 )
-def test_each_decision_is_compared(tmp_path, lines, said):
+def test_each_decision_is_compared(tmp_path, lines, verdict):
     status, text = compare(tmp_path, lines)
-    assert said in text and status == (lines != [*LINES, END])
+    assert verdict in text and status == (lines != [*LINES, END])
 
 
 def made(*words):
@@ -57,9 +57,9 @@ def made(*words):
     return done.stdout
 
 
-def decided(said):
+def decided(output):
     """Names of the runs that compared decisions, none of which differs."""
-    counts = re.findall(r"(\w+): (\d+) decisions compared, (\d+) differ", said)
+    counts = re.findall(r"(\w+): (\d+) decisions compared, (\d+) differ", output)
     assert all(int(compared) > 0 and differ == "0" for _, compared, differ in counts)
     return [name for name, *_ in counts]
 
@@ -81,8 +81,8 @@ def test_a_recording_each_way_through_the_simulated_system():
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_bitstreams_reach_their_clocks_and_the_netlist_decides():
-    said = made("bitstream")
-    clocks = re.findall(r"^(\w+): .*; ([\d.]+) MHz of ([\d.]+)", said, re.MULTILINE)
-    assert [board for board, *_ in clocks] == ["icebreaker", "ulx3s"], said
+    output = made("bitstream")
+    clocks = re.findall(r"^(\w+): .*; ([\d.]+) MHz of ([\d.]+)", output, re.MULTILINE)
+    assert [board for board, *_ in clocks] == ["icebreaker", "ulx3s"], output
     assert all(float(reached) > float(wanted) for _, reached, wanted in clocks)
     assert decided(made("netlist")) == ["icebreaker"]

@@ -13,7 +13,7 @@ import torch
 from scripts import ROOT
 from tests.support.recipes import few_updates
 from tests.support.result_case import ROW_KEYS
-from tests.support.touch_scenes import archived, scene
+from tests.support.touch_scenes import SMALL, archived, scene
 
 
 @pytest.fixture
@@ -49,7 +49,9 @@ def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, 
     thesis.main()
     result = json.loads(Path("out/baselines.json").read_text())
     shares = {row["method"]: row["accuracy"] for row in result["rows"]}
-    assert all(set(row) >= ROW_KEYS and row["multiplies"] > 0 for row in result["rows"])
+    work = {row["method"]: row["multiplies"] for row in result["rows"]}
+    assert all(set(row) >= ROW_KEYS for row in result["rows"]) and min(work.values()) > 0
+    assert work["gru"] >= SMALL.windows.steps * 12 * (SMALL.inputs + 12)
     assert shares.keys() == {*names.split(",")} - {"gru12-n256"} | {"gru"}
     assert shares.pop("dcnn") > 0.3 and shares.pop("convlstm") > 0.3 and min(shares.values()) > 0.5, shares
     assert "70 frames" in result["left_out"][0]["reason"]  # 256 windows

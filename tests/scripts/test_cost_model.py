@@ -1,16 +1,22 @@
-"""The constants of the cost model are those of the counted netlists in the documents, and good to 10 %."""
+"""The constants of the cost model follow from the counted netlists in the documents, and good to 10 %."""
+
+import contextlib
+from collections import defaultdict
 
 import numpy as np
 import pytest
+from amaranth.hdl import Fragment
 
-from eskin.golden.core import AcceleratorConfig, QFormat
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.images import network
+from eskin.rtl.fpga import block_memories
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles
 from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
-from eskin.verbs.cost import CELLS, blocks_of, by_lanes, cost_of, fits, on_board
+from eskin.verbs.cost import CELLS, blocks_of, by_lanes, cost_of, fits, on_board, sizes
 from scripts import ROOT
 from scripts.cost_model import DESIGNS, errors, fit, read_rows, without_it
+from tests.support.table import each_row
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +46,31 @@ def test_ten_designs_are_at_most_a_tenth_off(counted):
 def test_block_memories_are_those_of_the_netlists(counted):
     for name, row in counted.iterrows():
         assert blocks_of(DESIGNS[name]) == row["block memories"], name
+
+
+LINEAR = "8 taxels, mean + activity, linear, P = 2"
+LSTM = "12 taxels, mean + integral, LSTM 6, at once, P = 2"
+CHANGES = {LINEAR: ("dense", "feature", "logit"), LSTM: ("weight", "recurrent", "feature", "state")}
+
+
+@each_row("name", CHANGES)
+def test_designs_of_the_same_sizes_have_the_same_memories(name):
+    """One format after another is moved by a bit, and made a bit narrower."""
+    config, found, moved = DESIGNS[name], defaultdict(list), 0
+    variants = [config, config.replace(gate_frac=config.formats.gate_frac - 1)]
+    for field in CHANGES[name]:
+        fmt = getattr(config.formats, f"{field}_format")
+        for other in (QFormat(fmt.int_bits + 1, fmt.frac_bits - 1), QFormat(fmt.int_bits, fmt.frac_bits - 1)):
+            with contextlib.suppress(InputError):
+                variants.append(config.replace(**{f"{field}_format": other}))
+    for variant in variants:
+        found[sizes(variant)].append(
+            list(block_memories._blocks(Fragment.get(block_memories._accelerator(variant), "ice40")))
+        )
+    for same in found.values():
+        assert all(other == same[0] for other in same)
+        moved += len(same) > 1
+    assert moved and len(found) > 1
 
 
 def test_lanes_are_at_most_those_that_the_board_has_multipliers_for():

@@ -1,4 +1,4 @@
-"""The budget: what is counted, and that a cap below today's figure fails."""
+"""The budget: its counts, and that a cap below today's figure fails."""
 
 from scripts import house
 
@@ -15,6 +15,15 @@ fields = 900
 def test_comments_and_docstrings_are_not_counted():
     text = f'"""{"d" * 300}"""\nx = 1  # one\ntext = "{"s" * 250}"\n'
     assert house.tokens(text) == 7 and house.long_strings(text) == 250
+
+
+def test_names_and_phrases_that_say_too_little_are_counted():
+    """Four names are bound; a name that is read, a key, and a string that is no docstring do not count."""
+    text = (
+        'def told(one, *, seed=1):\n    """The sums of touches and those\n    of rest."""\n'
+        '    for held in one:  # That of whom?\n        self.kept, text = held, "what is"\n'
+    )
+    assert house.unclear(text) == (4, 2)
 
 
 def test_what_has_no_cap_may_not_be_there_and_a_cap_below_todays_figure_fails():

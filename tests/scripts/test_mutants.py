@@ -91,7 +91,7 @@ def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
     assert outcomes["while value != 3:", "while value != (4):"] == "killed"
     assert outcomes["value += 1", "value += (0)"] == "timeout"
     assert outcomes["return not flag", "return (flag)"] == "survived"
-    # a slow test that is named goes on judging, those of a file that is named whole do not
+    # a slow test that is named goes on judging, the slow tests of a file that is named whole do not
     assert outcomes["return 3 * value", "return (4) * value"] == "killed"
     assert outcomes["return -value", "return (value)"] == "survived"
     assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), (

@@ -17,7 +17,7 @@ BLOCKS = {
 eskin/live/."""
 
 
-def told(name: str) -> set[str]:
+def paths_of(name: str) -> set[str]:
     """Paths on the card of ``name``."""
     found = {
         line.split()[-1] if line.startswith(" ") else line.partition(":")[0]
@@ -31,7 +31,7 @@ def told(name: str) -> set[str]:
 def test_a_block_leads_to_its_test_proof_and_model(block):
     folder, name = block.split("/")
     model = f"golden/model/{BLOCKS[block]}.py" if BLOCKS[block] else "eskin/live/link.py"
-    assert {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", model} <= told(
+    assert {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", model} <= paths_of(
         name
     )
 

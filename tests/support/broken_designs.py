@@ -35,9 +35,11 @@ def _never_waits(text: str) -> str:
 
 def _never_locks(text: str) -> str:
     """Every word that is written to MEMORY_DATA reaches a memory."""
-    taken = f"assign load__enable = bus__w_stb & (bus__addr == {int(Register.MEMORY_DATA)});"
+    condition = f"assign load__enable = bus__w_stb & (bus__addr == {int(Register.MEMORY_DATA)});"
     return _replaced(
-        r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))", rf"{taken}\n  \1\2", text
+        r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))",
+        rf"{condition}\n  \1\2",
+        text,
     )
 
 

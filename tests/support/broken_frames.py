@@ -42,6 +42,6 @@ async def play_with_a_fault(dut) -> None:
     await bench.until(dut.through, 1e9)
     await bench.bus.command("FINISH")
     await bench.until(dut.idle)
-    said = {"decisions": decisions, "taken": bench.source.taken}
-    said["faults"] = dut.faults.value.to_unsigned()
-    Path("result.json").write_text(json.dumps(said))
+    result = {"decisions": decisions, "taken": bench.source.accepted}
+    result["faults"] = dut.faults.value.to_unsigned()
+    Path("result.json").write_text(json.dumps(result))

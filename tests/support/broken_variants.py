@@ -9,16 +9,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, QFormat, Record, narrow
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    Fixed,
-    Touches,
-    find_touches,
-    model,
-    network_formats,
-    normalise,
-    pipeline,
-    preprocess,
-)
+from eskin.golden.model import Fixed, Touches, find_touches, model, pipeline, preprocess
 from eskin.golden.model.pipeline import decide
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.study.stability.core import Bench, rebuilt
@@ -52,13 +43,6 @@ class Growing(Fixed):
         return np.floor((super().state(products) + self._error).clip(fmt.min_code, fmt.max_code))
 
 
-class SignOnly(Fixed):
-    """A state of one bit: its smallest code or 0."""
-
-    def state(self, products):
-        return (super().state(products) < 0).astype(np.float64) * self._config.formats.state_format.min_code
-
-
 def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
     which = list(config.length_index[: sums.shape[1]])
     mean, scale, shift = (
@@ -70,27 +54,16 @@ def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
     return narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format, overflow="WRAP")
 
 
-def _no_weights(bench: Bench) -> Bench:
-    return changed(
-        bench,
-        arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)},
-    )
-
-
-def _unsigned_normaliser(config, sums, completed, mean, scale, faults=None):
-    return np.abs(normalise(config, sums, completed, mean, scale, faults))
-
-
 def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **options) -> Touches:
     """A broken front end: a window is its last frame times its length, so nothing is averaged."""
     streams = [recordings.recording(i) for i in range(len(recordings))]
     hop = config.windows.hop
-    held = [
+    cases = [
         stream[np.minimum(np.arange(len(stream)) // hop * hop + hop - 1, len(stream) - 1)]
         for stream in streams
     ]
     # which would take it for a taxel that sticks
-    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, held), **options)
+    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, cases), **options)
 
 
 def lowest_bits(config, logits, completed):
@@ -193,11 +166,6 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     _with(Fixed=Growing): ("state error without reset",),
     # logits and states wrap
     _with(Fixed=Wrap, normalise=_wrapping_normaliser): ("touches outside the profiled range",),
-    _no_weights: ("weight bits",),
-    # the state keeps its sign only
-    _with(Fixed=SignOnly): ("state bits",),
-    # features lose their sign
-    _with(normalise=_unsigned_normaliser): ("feature bits",),
     # one sample, one code off, is a touch
     _sensitive: ("no touch", "motor burst before the touch", "one-sample glitch before the touch"),
     # the network answers after the last step only
@@ -210,6 +178,9 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     _with(find_touches=_as_recorded): ("class without the touch",),
     # every feature at full scale
     full_scale: (
+        "weight bits",
+        "state bits",
+        "feature bits",
         "drift of all taxels",
         "gain of one taxel 20 % high",
         "gain of one taxel 20 % low",

@@ -34,7 +34,7 @@ PAUSE_S = 1.0
 def lvm(segments: list[np.ndarray], clocks: str = "One", step: str | None = None, comma: bool = False,
         runs_on: bool = False, hz: int = 100) -> str:  # fmt: skip
     """A file of LabVIEW with a head a segment, of ``hz``. clocks: its ``X_Columns``; step: ``Delta_X``.
-    runs_on: the clock of a segment goes on from the one before."""
+    runs_on: the clock of a segment goes on from the segment before."""
     count, begin, step = segments[0].shape[1], 0, f"{1 / hz:g}" if step is None else step
     lines = ["LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", f"Decimal_Separator\t{',' if comma else '.'}",
              f"Multi_Headings\t{'Yes' if len(segments) > 1 else 'No'}", f"X_Columns\t{clocks}", "***End_of_Header***\t", ""]  # fmt: skip
@@ -92,8 +92,8 @@ def write_touches(signals: list[np.ndarray], labels: list[str], path: Path, off:
                 when = 0 if frame < zero else at + int(off * 1e9)
                 header = {"header": {"stamp": dict(zip(stamp, divmod(when, 10**9), strict=True))}}
                 if k == 0:
-                    told = {"data": label} | (header if stamped_labels else {})
-                    writer.add_message(touched, at, json.dumps(told).encode(), at)
+                    message = {"data": label} | (header if stamped_labels else {})
+                    writer.add_message(touched, at, json.dumps(message).encode(), at)
                 writer.add_message(skin, at, json.dumps(header | {"sensors": [{"values": row}]}).encode(), at)
                 frame += 1
         writer.finish()
@@ -119,11 +119,11 @@ def drawn_form(
         return folder / "lvm", Reading(columns=columns, scale=rng.choice((None, 1e-3)))
     if form == "hdf5":
         inside = rng.choice(("{label}/trial{n}", "trial{n}", "{label}/day{n}/a"))
-        said = {rng.choice(("label", "on__label")): lambda n: labels[n]} if rng.random() < 0.5 else {}
-        said |= {"imu": lambda n: np.zeros((len(signals[n]), 6))} if rng.random() < 0.3 else {}
+        topics = {rng.choice(("label", "on__label")): lambda n: labels[n]} if rng.random() < 0.5 else {}
+        topics |= {"imu": lambda n: np.zeros((len(signals[n]), 6))} if rng.random() < 0.3 else {}
         rate, clock = rng.choice((None, 100.0)), rng.random() < 0.5
-        said |= {} if clock or rate else {"on__fs": 100.0}
-        path = write_trials(signals, labels, folder / "a.h5", inside, clock, rate, **said)
+        topics |= {} if clock or rate else {"on__fs": 100.0}
+        path = write_trials(signals, labels, folder / "a.h5", inside, clock, rate, **topics)
         return path, Reading(samples=rng.choice((None, "skin")))
     off, zero, stamped = rng.choice((0.0, -0.4, 0.03, 5.0)), rng.choice((0, 0, 3)), rng.random() < 0.5
     path = write_touches(signals, labels, folder / "a.mcap", off, zero, rng.choice((("sec", "nanosec"), ("secs", "nsecs"))),

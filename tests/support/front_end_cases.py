@@ -47,7 +47,7 @@ CASES: dict[str, AcceleratorConfig] = {
         "pvdf": TRACKED | FREE | dict(taxels=8, clip=60),
         "pvdf 64": TRACKED | FREE | dict(rest_frames=64, clip=60, onset_mean_frames=32, onset_threshold=9),
         "two taxels": TRACKED | FREE | dict(taxels=2, clip=60),
-        "one block": TRACKED | FREE | dict(onset_mean_frames=4, rest_frames=1, steps=5),
+        "one block": TRACKED | FREE | dict(taxels=3, onset_mean_frames=4, rest_frames=1, steps=5),
         "every frame": TRACKED
         | FREE
         | dict(onset_check_frames=1, onset_mean_frames=4, onset_threshold=45, rest_frames=5, clip=200),

@@ -44,7 +44,7 @@ def gripped_recordings(rows: int = 3, columns: int = 4, classes: int = 3) -> Rec
     objects = np.random.default_rng([SEED, 0])
     places, widths = objects.uniform(-0.8, 0.8, (classes, 2, 2)), objects.uniform(0.3, 0.6, (classes, 2))
     weights = objects.uniform(0.5, 1.0, (classes, 2))
-    parts, labels, of_person, of_trial = [], [], [], []
+    parts, rows = [], []
     for person in range(PERSONS):
         rng = np.random.default_rng([SEED, 1 + person])
         firm, hold = np.exp(rng.normal(0, 0.2)), rng.normal(0, 0.06, 2)  # how this hand grips, and where
@@ -65,9 +65,8 @@ def gripped_recordings(rows: int = 3, columns: int = 4, classes: int = 3) -> Rec
                     + GRIP_NOISE * rng.standard_normal((len(time), len(grid)))
                 )
                 parts.append(np.clip(np.rint(counts), 0, 255).astype(np.int32))
-                labels.append(label)
-                of_person.append(person)
-                of_trial.append(trial)
+                rows.append((label, person, trial))
+    labels, of_person, of_trial = zip(*rows, strict=True)
     made = Recordings.of(
         parts,
         labels,

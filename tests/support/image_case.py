@@ -33,7 +33,7 @@ class ImageCase:
         """(values of all maps in their order, logits) of an image."""
         maps: list[np.ndarray] = []
         value = image.astype(np.int64)[None, :, :, None]
-        shifts = iter(one.shift for one in self.plan.passes)
+        shifts = iter(part.shift for part in self.plan.passes)
         for stage in self.plan.stages:
             if isinstance(stage.layer, Pool):
                 maps[-1] = value = pooled(value)
@@ -42,7 +42,7 @@ class ImageCase:
             sums = accumulators(stage, value, weights, bias).astype(np.int64)
             value = narrow(sums, next(shifts), LOGIT if stage.last else PIXEL_FORMAT)
             maps.append(value)
-        return [code for one in maps[:-1] for code in one.ravel().tolist()], value.ravel().tolist()
+        return [code for values in maps[:-1] for code in values.ravel().tolist()], value.ravel().tolist()
 
 
 def make_case(

@@ -70,8 +70,8 @@ def random_image_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
         shift = max(round(math.log2(max(spread, 1.0) / (8000 if stage.last else 200))), 0)
         fraction = bits - 1 + int(rng.integers(0, 3))
         weights.append(QFormat(bits - fraction, fraction))
-        behind = fraction + before.frac_bits - shift
-        before = QFormat((16 if stage.last else 8) - behind, behind, signed=stage.last)
+        after = fraction + before.frac_bits - shift
+        before = QFormat((16 if stage.last else 8) - after, after, signed=stage.last)
         given.append(before)
         values = narrow(accumulators(stage, values, codes, bias).astype(np.int64), shift, before)
     formats = {"weight_formats": tuple(weights), "map_formats": tuple(given[:-1]), "logit_format": given[-1]}

@@ -1,4 +1,4 @@
-"""A board in Python behind a pseudo-terminal: docs/specification.md section 9, with the golden model for an
+"""A board in Python behind a pseudo-terminal: docs/specification_interfaces.md section 9, with the golden model for an
 accelerator."""
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Device:
         self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE} | (registers or {})
         self.writes: list[tuple[int, int]] = []
         self._arm()
-        self.taken = self.expected = self.decisions = 0
+        self.accepted = self.expected = self.decisions = 0
         self.packets = {True: 0, False: 0}
         self.decision_packets: list[int] = []  # their numbers among those sent
         self.error: BaseException | None = None
@@ -95,7 +95,7 @@ class Device:
                 self.packets[False] += 1
                 if not self.deaf and not self.loses(self.packets[False], False):
                     self._act(body)
-                if self.limit is not None and self.taken >= self.limit:
+                if self.limit is not None and self.accepted >= self.limit:
                     os.close(self.slave)
                     os.close(self.master)
                     self.master = self.slave = -1
@@ -115,7 +115,7 @@ class Device:
             self.expected = self.expected + 1 & 0xFF
             if command & link.FRAME:
                 self.frames.append(words)
-                self.taken += 1
+                self.accepted += 1
                 if not self.config.is_image:
                     for _, onset, start in self.finder.push(self._samples()[-1:, None])[1]:
                         self.begun, self.until = True, max(start - 1 + self.config.last_frame, onset)

@@ -24,7 +24,7 @@ def wait(condition: Callable[[], bool], seconds: float = 600.0) -> None:
 
 
 class Stage:
-    """A player with a hub and a viewer who takes everything; ``go`` plays to the end, ``start`` in a
+    """A player with a hub and a viewer that takes everything; ``go`` plays to the end, ``start`` in a
     thread."""
 
     def __init__(
@@ -38,10 +38,10 @@ class Stage:
     ) -> None:
         config = source.config
         numbers = range(len(recordings) if recordings else 0) if numbers is None else numbers
-        told = hello(
+        greeting = hello(
             config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels))
         )
-        self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels)
+        self.hub = Hub(greeting, config.sensor.sample_rate_hz, config.sensor.taxels)
         self.controls = Controls()
         self.controls.speed = speed
         self.messages: list[dict] = []
@@ -53,7 +53,7 @@ class Stage:
         self.viewer.take()
 
     def go(self) -> Stage:
-        self.controls.wait = lambda seconds: self.controls.stop()  # the first wait is the one after the last
+        self.controls.wait = lambda seconds: self.controls.stop()  # the first wait comes after the last
         self.player.run()
         if self.player.error:
             raise self.player.error

@@ -5,20 +5,22 @@ frame needs."""
 class DdcSlave:
     """Answers with ``words`` (each ``bits`` wide, in the order of the wire) so many cycles after each edge of
     CONV. spoil(name, value) may change "readback" (the 88 bits) and "dvalid" (whether it comes).
-    configurations: what was latched."""
+    configurations: what was latched. clk_edges: cycles in which the system clock changed."""
 
     def __init__(self, pins, words, bits, delay=40, spoil=lambda name, value: value) -> None:
         self.pins, self.words, self.bits, self.delay, self.spoil = pins, words, bits, delay, spoil
         self.configurations: list[int] = []
         self.conv_edges: list[int] = []
         self.dclk_edges: list[int] = []
+        self.clk_edges: list[int] = []
 
     async def play(self, ctx) -> None:
         pins, cycle, due, out, left, latched, count = self.pins, 0, -1, 0, 0, 0, 0
-        was = (0, 0, 0)
-        ticks = aiter(ctx.tick().sample(pins.reset_n, pins.conv, pins.clk_cfg, pins.din_cfg, pins.dclk))
+        was = (0, 0, 0, 0)
+        lines = pins.reset_n, pins.conv, pins.clk_cfg, pins.din_cfg, pins.dclk, pins.clk
+        ticks = aiter(ctx.tick().sample(*lines))
         while True:
-            _, _, reset_n, conv, clk_cfg, din, dclk = await anext(ticks)
+            _, _, reset_n, conv, clk_cfg, din, dclk, clk = await anext(ticks)
             cycle += 1
             if not reset_n:
                 latched = count = 0
@@ -36,6 +38,8 @@ class DdcSlave:
                 ctx.set(pins.dvalid_n, 1)
             if dclk != was[2]:
                 self.dclk_edges.append(cycle)
+            if clk != was[3]:
+                self.clk_edges.append(cycle)
             if was[2] and not dclk and left:
                 left -= 1
             if cycle == due and self.spoil("dvalid", True):
@@ -44,7 +48,7 @@ class DdcSlave:
                     out = out << self.bits | word
                 left = self.bits * 32
                 ctx.set(pins.dvalid_n, 0)
-            was = (conv, clk_cfg, dclk)
+            was = (conv, clk_cfg, dclk, clk)
             ctx.set(pins.dout, out >> left - 1 & 1 if left else 0)
 
 
@@ -71,7 +75,7 @@ class MprSlave:
 
     async def play(self, ctx) -> None:
         pins, pulls, sda_was, scl_was = self.pins, False, 1, 1
-        bits, word, address, pointer, mode, said, since = 0, 0, 0, -1, "off", 0, 1 << 20
+        bits, word, address, pointer, mode, answer, since = 0, 0, 0, -1, "off", 0, 1 << 20
         ticks = aiter(ctx.tick().sample(pins.scl_low, pins.sda_low))
         while True:
             _, _, scl_low, sda_low = await anext(ticks)
@@ -108,7 +112,7 @@ class MprSlave:
                     bits = word = 0
                 if mode == "read" and bits < 8:
                     if bits == 0:
-                        said, pointer = self.register(address, pointer), pointer + 1
-                    pulls = not said >> 7 - bits & 1
+                        answer, pointer = self.register(address, pointer), pointer + 1
+                    pulls = not answer >> 7 - bits & 1
             scl_was, sda_was = scl, not (sda_low or pulls)
             ctx.set(pins.sda, sda_was)

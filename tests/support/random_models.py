@@ -1,11 +1,11 @@
-"""Integer models with random weights."""
+"""Models with random weights."""
 
 from typing import Any
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import IntegerModel, network_formats, network_shapes
+from eskin.golden.model import FloatModel, IntegerModel, constants_shape, network_formats, network_shapes
 from eskin.golden.model.model import readout_shapes
 from eskin.golden.model.preprocess import companded
 from eskin.training.formats import normaliser_constants
@@ -51,6 +51,18 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     return IntegerModel(filled, arrays, f"random model {seed}")
 
 
+def random_float_model(
+    config: AcceleratorConfig, seed: int, deviation: float = 0.6, mu: float = 0.0, sigma: float = 60.0
+) -> FloatModel:
+    """A float model with random weights; every input has the mean ``mu`` and the deviation ``sigma``."""
+    rng, constants = np.random.default_rng(seed), constants_shape(config)
+    arrays = {
+        name: rng.normal(0, deviation, shape) for name, shape in network_shapes(config, real=True).items()
+    }
+    scale = {"mu": np.full(constants, mu), "sigma": np.full(constants, sigma)}
+    return FloatModel(config, arrays if config.is_image else arrays | scale)
+
+
 def _logarithm(value: float, knee: int, frac: int) -> float:
     return companded(np.array([round(value)]), knee, frac)[0] / 2.0**frac
 
@@ -58,7 +70,7 @@ def _logarithm(value: float, knee: int, frac: int) -> float:
 def _random_scaling(
     config: AcceleratorConfig, rng: np.random.Generator, mu: float, sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Constants a kind or an input about those of the mean, each a little different."""
+    """Constants a kind or an input about the constants of the mean, each a little different."""
     features, count, frac = config.features, config.constants, config.formats.feature_format.frac_bits
     moved = sigma * features.activity_block**0.5
     of_kind = {

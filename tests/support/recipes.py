@@ -1,4 +1,4 @@
-"""Recipes of few updates, for what is not about accuracy."""
+"""Recipes of few updates, for tests that are not about accuracy."""
 
 from dataclasses import replace
 
@@ -9,5 +9,8 @@ from eskin.training import recipe
 
 def few_updates(patch: pytest.MonkeyPatch, updates: int) -> None:
     """At most so many updates until ``patch`` is undone."""
-    few = {name: replace(one, updates=min(one.updates, updates)) for name, one in recipe.RECIPES.items()}
+    few = {
+        name: replace(recipe_, updates=min(recipe_.updates, updates))
+        for name, recipe_ in recipe.RECIPES.items()
+    }
     patch.setattr(recipe, "RECIPES", few)

@@ -8,11 +8,11 @@ import numpy as np
 from eskin.cosim.device import Device
 from eskin.cosim.netlist import Hardware
 from eskin.rtl.program.memory_map import Fault, Register
-from tests.support.traffic import Script, beat, run
+from tests.support.traffic import Script, beats, run
 
 
 class Recorded(Device):
-    """A device that takes down what is done to it, and what it answers."""
+    """A device that takes down accesses to it and its answers."""
 
     def __init__(self, model, sample_bits: int) -> None:
         super().__init__(model, sample_bits)
@@ -44,10 +44,10 @@ class Recorded(Device):
     def frames(self, frames: np.ndarray, *pace: float) -> None:
         super().frames(frames, *pace)
         for frame in frames.tolist():
-            for taxel, sample in enumerate(frame):
+            for payload in beats(frame, self._bits):
                 if self._random.random() < 0.125:  # this side stalls, too
                     self.script.wait(self._random.randint(1, 2))
-                self.script.beat(beat(sample, self._bits, first=taxel == 0, last=taxel == len(frame) - 1))
+                self.script.beat(payload)
 
     def forget(self) -> None:
         self.decisions += [word & 0xFFFFFFFF for word in self.streams()["decision"][0].tolist()]
@@ -59,11 +59,11 @@ class Recorded(Device):
         AssertionError: others than before.
         """
         self.forget()
-        said = run(self.script, hardware, work, builds)
-        reads = [line[1] for line in said if line[0] == "read"]
+        result = run(self.script, hardware, work, builds)
+        reads = [line[1] for line in result if line[0] == "read"]
         for address, read, before in zip(self.addresses, reads, self.reads, strict=True):
             paced = Fault.INPUT_STALLED * (address == Register.FAULTS)  # it depends on this side's stalls
             assert read | paced == before | paced
-        assert [line[1] for line in said if line[0] == "decision"] == self.decisions
-        assert not [line for line in said if line[0] in ("stuck", "unknown", "unstable")]
+        assert [line[1] for line in result if line[0] == "decision"] == self.decisions
+        assert not [line for line in result if line[0] in ("stuck", "unknown", "unstable")]
         return len(self.decisions), len(self.reads)

@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from eskin.cosim.results import Cycles, Played
 from eskin.golden.core import write_json
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, network_shapes, pipeline
+from eskin.golden.model import FloatModel, pipeline
+from eskin.training.evaluate import Evaluation
 from eskin.training.made_up import random_recordings
 from eskin.training.quantise import profile, range_records
+from eskin.training.stage_error import LogitError
 from eskin.training.times import step_times
-from tests.support.random_models import random_integer_model
+from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.small_designs import TRACKED
 
 ROW_KEYS = set(
@@ -46,11 +49,9 @@ def recordings(count: int = 12) -> Recordings:
     )
 
 
-def float_model(seed: int = 5) -> FloatModel:
+def float_model() -> FloatModel:
     """A float network with random weights."""
-    rng = np.random.default_rng(seed)
-    arrays = {name: rng.normal(0, 0.6, shape) for name, shape in network_shapes(CONFIG, real=True).items()}
-    return FloatModel(CONFIG, arrays | {"mu": np.array(0.0), "sigma": np.array(60.0)})
+    return random_float_model(CONFIG, 5)
 
 
 def training_record(loaded: Recordings) -> dict[str, Any]:
@@ -87,44 +88,48 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         ],
         "confusion": [[17, 1, 0], [0, 15, 3]],
     }
-    model = float_model()
     return {
         "seed": 0,
         "recipe": {"name": "onset"},
         "data": loaded.source,
         "recordings": len(loaded),
         "parameters": CONFIG.parameter_count,
-        "ranges": range_records(CONFIG, profile(model, touches)),
+        "ranges": range_records(CONFIG, profile(float_model(), touches)),
         "versions": {"torch": "9.8.7"},
         "cross_validation": [split, {**split, "groups": [], "integer_accuracy": 0.8877}],
     }
 
 
-def evaluation(count: int, *, agreement: float = 0.9954) -> dict[str, Any]:
+def evaluation(count: int, *, agreement: float = 0.9954, integer: float = 0.9844) -> Evaluation:
     """What eskin.training.evaluate says."""
-    return {
-        "recordings": count,
-        "float_accuracy": 0.9857,
-        "integer_accuracy": 0.9844,
-        "agreement": agreement,
-        "logit_error": {"mean": 0.0432, "max": 0.98, "stage": "accumulators"},
-        "not_touched": 2,
-        "chance": 0.5,
-        "per_step": [],
-    }
+    return Evaluation(
+        recordings=count,
+        float_accuracy=0.9857,
+        integer_accuracy=integer,
+        agreement=agreement,
+        logit_error=LogitError(mean=0.0432, max=0.98, stage="accumulators"),
+        not_touched=2,
+        partial=0,
+        chance=0.5,
+        per_step=[],
+        per_class={},
+        confusion=[],
+        class_names=list(CONFIG.network.class_names),
+        decision="last",
+        decision_time_s=0.1,
+        model="model",
+        source="made-up <set>",
+        steps=5 * count,
+        local_agreement=0.99,
+        stages=[],
+        passed=integer >= 0.9757 and agreement >= 0.98,
+    )
 
 
 def cosimulation(
     count: int, *, pace: str = "full", clock_hz: float = 12e6, mismatches: int = 0, missed: str = ""
-) -> dict[str, Any]:
+) -> Played:
     """What eskin.cosim.flow says."""
-    cycles = {
-        "frame_max": 16,
-        "step_min": 91,
-        "step_max": 97,
-        "step_ideal": CONFIG.step_ideal,
-        "decision_latency_max": 73,
-    }
     names = ("step",) if pace == "full" else ("frame", "step", "decision")
     rows = [(name, 8e-3, 97 / clock_hz, name != missed, False) for name in names] + [
         ("reference: LSTM on a GPU", 5e-3, 6e-3, False, True)
@@ -132,30 +137,44 @@ def cosimulation(
     fields = ("name", "limit_s", "measured_s", "met", "reference")
     stages = {stage: {"compared_values": n, "mismatches": 0} for stage, n in STAGE_COUNTS.items()}
     stages["state"]["mismatches"] = mismatches
-    return {
-        "recordings": count,
-        "frames": 300 * count,
-        "steps": 5 * count,
-        "decisions": 6 * count,
-        "simulated_cycles": 123456,
-        "wall_s": 1.5,
-        "compared_values": sum(STAGE_COUNTS.values()),
-        "mismatches": mismatches,
-        "stages": stages,
-        "bit_exact": not mismatches,
-        "simulator": "verilator",
-        "level": "rtl",
-        "lanes": 4,
-        "clock_hz": clock_hz,
-        "cycles": cycles,
-        "cycles_per_s": 82304,
-        "pace": pace,
-        "overruns": 0,
-        "budgets": [dict(zip(fields, row, strict=True), margin_s=row[1] - row[2]) for row in rows],
-        "mismatch_list": [f"recording 3, stage state: number {i}" for i in range(mismatches)],
-        "waves": None,
-        "passed": not mismatches and not missed,
-    }
+    return Played(
+        recordings=count,
+        cocotb_recordings=count,
+        bulk_recordings=0,
+        frames=300 * count,
+        steps=5 * count,
+        decisions=6 * count,
+        simulated_cycles=123456,
+        wall_s=1.5,
+        compared_values=sum(STAGE_COUNTS.values()),
+        mismatches=mismatches,
+        stages=stages,
+        bit_exact=not mismatches,
+        verdict="differs" if mismatches else "bit-exact",
+        golden="torch",
+        simulator="verilator",
+        level="rtl",
+        target=None,
+        lanes=4,
+        clock_hz=clock_hz,
+        cycles=Cycles(
+            frame_max=16, step_min=91, step_max=97, step_ideal=CONFIG.step_ideal, decision_latency_max=73
+        ),
+        cycles_per_s=82304,
+        pace=pace,
+        stalls=False,
+        seed=1,
+        probe=False,
+        registers={},
+        overruns=0,
+        input_stalls=0,
+        budgets=[dict(zip(fields, row, strict=True), margin_s=row[1] - row[2]) for row in rows],
+        mismatch=None,
+        mismatch_list=[f"recording 3, stage state: number {i}" for i in range(mismatches)],
+        gave_up=None,
+        waves=None,
+        passed=not mismatches and not missed,
+    )
 
 
 def make_result(folder: Path) -> Path:

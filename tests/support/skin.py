@@ -30,8 +30,15 @@ class Played:
 
     def model(self, config: AcceleratorConfig) -> StimulatorModel:
         """The stimulator after all of it."""
-        one = config.interface
-        model = StimulatorModel((one.amplitude_limit, one.delay_limit, one.frequency_limit, one.width_limit))
+        interface = config.interface
+        model = StimulatorModel(
+            (
+                interface.amplitude_limit,
+                interface.delay_limit,
+                interface.frequency_limit,
+                interface.width_limit,
+            )
+        )
         model.feed(bytes(byte for byte, _ in self.stim))
         return model
 
@@ -92,19 +99,19 @@ def play(
     settings |= {name: data.hex() for name, data in zip(("host", "last"), host or (b"", b""), strict=True)}
     (work / "skin.json").write_text(json.dumps(settings))
     runner.run(simulator, work, limit_s=limit_s, bench="tests.support.skin_bench")
-    said = json.loads((work / "result.json").read_text())
-    heard = bytes(byte & 255 for byte, _ in said["host"]) if host is not None else b""
-    stim, pins = ([*map(tuple, said[name])] for name in ("stim", "pins"))
-    return Played(stim, pins, said["violations"], said["begun"], heard)
+    result = json.loads((work / "result.json").read_text())
+    heard = bytes(byte & 255 for byte, _ in result["host"]) if host is not None else b""
+    stim, pins = ([*map(tuple, result[name])] for name in ("stim", "pins"))
+    return Played(stim, pins, result["violations"], result["begun"], heard)
 
 
 def expected_electrodes(
     rows: np.ndarray, frames: np.ndarray, config: AcceleratorConfig, burst_s: float
 ) -> list[int]:
     """Electrodes (0..23) that are switched on, in their order, for golden decisions that fall due with these
-    frames: each that is not the one before, where that is still held, and that lasts for a burst."""
-    one, rate = config.interface, config.sensor.scan_rate_hz
-    table = one.electrodes or tuple(range(1, config.classes + 1))
+    frames: each that is not the position before, where that is still held, and that lasts for a burst."""
+    interface, rate = config.interface, config.sensor.scan_rate_hz
+    table = interface.electrodes or tuple(range(1, config.classes + 1))
     events = [(frame / rate, table[row[2]]) for row, frame in zip(rows, frames, strict=True)]
     found, now, until = [], 0, -1.0
     for number, (time, electrode) in enumerate(events):
@@ -112,5 +119,5 @@ def expected_electrodes(
         later = next((other for other in events[number + 1 :] if other[1] != electrode), None)
         if begins and (later is None or later[0] - time > burst_s):
             found.append(electrode - 1)
-        now, until = electrode, time + one.hold_s
+        now, until = electrode, time + interface.hold_s
     return found

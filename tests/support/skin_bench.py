@@ -47,14 +47,14 @@ class Board:
 
     def __init__(self, dut, settings: dict) -> None:
         self.dut, self.settings = dut, settings
-        self.said: dict = {"stim": [], "pins": [], "host": [], "begun": False}
+        self.events: dict = {"stim": [], "pins": [], "host": [], "begun": False}
 
     async def follow(self) -> None:
         """Decision, its valid, and the lamp, whenever one changes."""
         while True:
             await self.dut.shown.value_change
             *one_hot, valid, led = str(self.dut.shown.value)
-            self.said["pins"].append(
+            self.events["pins"].append(
                 (now(), int("".join(one_hot), 2).bit_length() - 1, valid == "1", led == "1")
             )
 
@@ -64,7 +64,7 @@ class Board:
         await cycles(3)
         if not dut.moving.value:
             await RisingEdge(dut.moving)
-        self.said["begun"] = True
+        self.events["begun"] = True
         await cycles(period - period // 10)
         for number, frame in enumerate(codes[1:], start=1):
             self.take(frame, number)
@@ -92,13 +92,13 @@ async def play(dut) -> None:
     board = Board(dut, settings)
     board.take(codes[0], 0)
     for task in (
-        hear(dut.stim_tx, settings["stim_clocks"], board.said["stim"]),
-        hear(dut.tx, settings["host_clocks"], board.said["host"]),
+        hear(dut.stim_tx, settings["stim_clocks"], board.events["stim"]),
+        hear(dut.tx, settings["host_clocks"], board.events["host"]),
         board.follow(),
         board.host(),
     ):
         cocotb.start_soon(task)
     with suppress(SimTimeoutError):
         await with_timeout(board.play(codes), settings["limit"] * CYCLE_NS, "ns")
-    board.said["violations"] = dut.violations.value.to_unsigned()
-    Path("result.json").write_text(json.dumps(board.said))
+    board.events["violations"] = dut.violations.value.to_unsigned()
+    Path("result.json").write_text(json.dumps(board.events))

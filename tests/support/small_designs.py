@@ -44,7 +44,7 @@ def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **change
     return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, **wide | changes)
 
 
-def behind(converter: str, **fields) -> dict:
+def with_converter(converter: str, **fields) -> dict:
     """Fields of a configuration; those that `HARDWARE` lacks are the converter's."""
     hardware = {name: fields.pop(name) for name in HARDWARE & {*fields}}
     return hardware | {"converter": dict(name=converter, **fields)}

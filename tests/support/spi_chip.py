@@ -17,7 +17,7 @@ class SpiSlave:
     async def play(self, ctx) -> None:
         pins, lines, cycle = self.pins, len(self.pins.miso), 0
         idle = (1 << len(pins.cs_n)) - 1
-        words, said, heard, select, clock = [0] * lines, 0, 0, idle, 0
+        words, sent, heard, select, clock = [0] * lines, 0, 0, idle, 0
         ctx.set(pins.miso, (1 << lines) - 1)
         ticks = aiter(ctx.tick().sample(pins.cs_n, pins.sclk, pins.mosi))
         while True:
@@ -25,17 +25,17 @@ class SpiSlave:
             if now != select:
                 self.edges.append((cycle, "select", now))
                 if now == idle:
-                    self.heard.append((said, heard))
+                    self.heard.append((sent, heard))
                 else:
-                    words, said, heard = [self.answers(line, select & ~now) for line in range(lines)], 0, 0
+                    words, sent, heard = [self.answers(line, select & ~now) for line in range(lines)], 0, 0
             elif now != idle and level and not clock:
                 heard = heard << 1 | bit
             elif now != idle and clock and not level:
-                said += 1
+                sent += 1
             if level != clock:
                 self.edges.append((cycle, "clock", level))
             select, clock = now, level
-            place = self.bits - 1 - said
+            place = self.bits - 1 - sent
             value = (
                 (1 << lines) - 1
                 if now == idle or place < 0

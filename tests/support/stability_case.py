@@ -80,10 +80,10 @@ def recordings(count: int = 24, seed: int = 1) -> Recordings:
 def _trained(config: AcceleratorConfig, recipe: str, updates: int) -> Bench:
     """A network, trained once a session, with 200 steps as its longest run and few flips."""
     data, recipe = recordings(), dataclasses.replace(recipes.RECIPES[recipe], updates=updates)
-    held = datasets.find_dataset(data, config, recipe)
-    rows = [datasets.touch_rows(held, np.arange(len(data)))]
-    (model,) = fitting.fit_networks(held, config, recipe, rows, 1, lambda done, total: None)
-    integer = quantise_model(model, profile(model, held.touches))
+    found = datasets.find_dataset(data, config, recipe)
+    rows = [datasets.touch_rows(found, np.arange(len(data)))]
+    (model,) = fitting.fit_networks(found, config, recipe, rows, 1, lambda done, total: None)
+    integer = quantise_model(model, profile(model, found.touches))
     options = {"config": integer.config, "few": 9, "points": 1, "long": 200, "flips": 96}
     return Bench(recordings=data, model=integer, real=model, **options)
 
@@ -110,7 +110,7 @@ def model_folder(folder: Path) -> Path:
 
 def changed(of: Bench, config: Any = None, arrays: Any = None) -> Bench:
     """A bench with fields of the configuration or arrays of the integer model replaced; disturbances and bounds are
-    those of the sound one."""
+    the sound model's."""
     fields = of.config.replace(**(config or {}))
     model = IntegerModel(fields, of.model.arrays | (arrays or {}))
     whole, few = (dataclasses.replace(each, config=fields, model=model) for each in (of, of.sample))

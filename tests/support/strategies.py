@@ -19,6 +19,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.converters import SPI_CHIPS, code_format, code_shift
 from eskin.golden.data import Recordings
@@ -101,7 +102,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
     low, span = sample.min_code, sample.max_code - sample.min_code
-    onset, mode = pick(*RESTS), pick("touch", "free")
+    onset, mode = pick(*RESTS), pick("touch", "free", "whole")
     hop, steps, check = pick(2, 3, 4, 5, 7, 8), pick(1, 2, 3, 4, 5, 6), pick(1, 2, 4)
     window, pretrigger, cut = 2 * hop, 0, 0
     if mode == "touch":
@@ -113,6 +114,10 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     fields |= {
         name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()
     }
+    store, longest = pick(2, 4, 6), hop * (steps - 1) + window - cut
+    if mode == "whole":
+        longest = hop * steps * pick(1, 3, 9)
+        fields["decision"] = "vote" if fields["decision"] == "vote" else "last"
     fields |= dict(
         name="random",
         taxels=taxels,
@@ -136,7 +141,8 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         fault_frames=(pick(0, 0, 4) if sample.width >= 4 else 0) * check,
         window_mode=mode,
         pretrigger_frames=pretrigger,
-        touch_frames=hop * (steps - 1) + window - cut,
+        touch_frames=longest,
+        store_per_window=store,
         hop=hop,
         window=window,
         steps=steps,
@@ -164,9 +170,9 @@ class Design:
     stalls: bool
 
     @classmethod
-    def of(cls, kept: Mapping[str, Any]) -> Design:
+    def of(cls, fields: Mapping[str, Any]) -> Design:
         """A design as tests/failing_designs.json keeps it."""
-        return cls(AcceleratorConfig.from_dict(kept["config"]), kept["seed"], kept["stalls"])
+        return cls(AcceleratorConfig.from_dict(fields["config"]), fields["seed"], fields["stalls"])
 
     @property
     def model(self) -> IntegerModel:
@@ -265,10 +271,10 @@ def _of_images(pick: Callable[..., Any], config: AcceleratorConfig) -> Accelerat
         layers += [f"conv {pick(3, 1, 5)} {pick(4, 1, 3, 5, 9)}", *["pool"] * pick(1, 0)]
     classes = pick(3, 2, 4, 9)
     layers += [*pick((), ("dense 5",), ("dense 8",)), f"dense {classes}"]
-    names, kept = tuple(f"c{k}" for k in range(classes)), config.hardware
+    names, hardware = tuple(f"c{k}" for k in range(classes)), config.hardware
     made = AcceleratorConfig.of_image(pick(4, 5, 6, 9), pick(4, 5, 7, 10), layers, names, clock_hz=12e6)
     return made.with_lanes(pick(4, 8, 1, 2, 16), pick("plain", "dsp")).replace(
-        checksum=kept.checksum, watchdog=kept.watchdog
+        checksum=hardware.checksum, watchdog=hardware.watchdog
     )
 
 
@@ -294,9 +300,7 @@ def differences(design: Design, folder: Path) -> list[str]:
     converter also broken frames and limits of its data sheet that are not kept."""
     model = design.model
     config = model.config
-    options: dict[str, Any] = dict(
-        simulator="icarus", stalls=design.stalls, seed=design.seed, work=folder, builds=folder / "simulators"
-    )
+    how = Simulation(simulator="icarus", stalls=design.stalls, seed=design.seed, builds=folder / "simulators")
     if config.is_image:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
@@ -305,8 +309,9 @@ def differences(design: Design, folder: Path) -> list[str]:
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only
         clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.scan_rate_hz
-        options |= {"pace": "declared", "clock_hz": clock}
-    result = cosimulate(model, recordings, **options)
-    way = result.get("conversion", {})
-    broken = [f"{key}: {way[key]}" for key in ("faults", "violations") if way.get(key)]
-    return [*result["mismatch_list"], *broken, *([] if result["bit_exact"] else ["not bit-exact"])]
+        how = replace(how, pace="declared", clock_hz=clock)
+    result = cosimulate(model, recordings, how, work=folder)
+    way = result.conversion
+    wrong = way is not None and (way.faults or way.violations)
+    broken = [f"{way.faults} faults, {way.violations} violations"] if way and wrong else []
+    return [*result.mismatch_list, *broken, *([] if result.bit_exact else ["not bit-exact"])]

@@ -17,7 +17,7 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 import random
 from typing import Any, NamedTuple
 
-from amaranth.hdl import ClockDomain, Module, Shape, Value
+from amaranth.hdl import ClockDomain, Fragment, Module, Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
@@ -104,7 +104,7 @@ class Bench:
         stall: chance of an idle cycle before each beat, repeated. gaps: idle cycles before each beat, instead
         (0 for the rest). after: cycle before which nothing is sent.
         """
-        rng, taken, payload = random.Random(self._random.random()), [], Value.cast(stream.payload)
+        rng, accepted, payload = random.Random(self._random.random()), [], Value.cast(stream.payload)
         pauses = iter(gaps or ())
         packed = [pack(stream.payload.shape(), beat) for beat in beats]
         self._busy += 1
@@ -125,13 +125,13 @@ class Bench:
                 ctx.set(stream.valid, 1)
                 while not (await anext(ticks))[-1]:
                     pass
-                taken.append(self.cycle)
+                accepted.append(self.cycle)
                 self._moved = self.cycle
             ctx.set(stream.valid, 0)
             self._busy -= 1
 
         self._sim.add_testbench(driver)
-        return taken
+        return accepted
 
     def collect(self, stream, *, stall: float = 0.0) -> list[Beat]:
         """Take everything ``stream`` offers; ``ready`` is low with chance ``stall``, drawn anew each cycle.
@@ -139,7 +139,7 @@ class Bench:
         rng, out, shape = random.Random(self._random.random()), [], stream.payload.shape()
 
         async def taker(ctx):
-            ticks, held, ready = (
+            ticks, offered_bits, ready = (
                 aiter(ctx.tick().sample(stream.valid, Value.cast(stream.payload))),
                 None,
                 None,
@@ -150,12 +150,12 @@ class Bench:
                     ready = not stalled
                     ctx.set(stream.ready, ready)
                 _, _, valid, bits = await anext(ticks)
-                if held is not None:
+                if offered_bits is not None:
                     assert valid, f"cycle {self.cycle}: valid fell before ready"
-                    assert bits == held, (
-                        f"cycle {self.cycle}: payload changed while stalled from {unpack(shape, held)}"
+                    assert bits == offered_bits, (
+                        f"cycle {self.cycle}: payload changed while stalled from {unpack(shape, offered_bits)}"
                     )
-                held = bits if valid and stalled else None
+                offered_bits = bits if valid and stalled else None
                 if valid and ready:
                     out.append(Beat(self.cycle, unpack(shape, bits)))
                     self._moved = self.cycle
@@ -207,10 +207,10 @@ class Bench:
 def play(dut, beats, stalls=(0.0, 0.0), *, seed: int = 0, quiet: int = 80, gaps=None):
     """(what comes out of ``dut``, the cycles in which ``beats`` were taken); ``stalls`` of sender and reader."""
     bench = Bench(dut, seed=seed, quiet=quiet)
-    taken = bench.drive(dut.i, beats, stall=stalls[0], gaps=gaps)
+    accepted = bench.drive(dut.i, beats, stall=stalls[0], gaps=gaps)
     out = bench.collect(dut.o, stall=stalls[1])
     bench.run()
-    return out, taken
+    return out, accepted
 
 
 def put(ctx, block, **values) -> None:
@@ -235,11 +235,11 @@ async def give_frame(ctx, port, samples, pauses=lambda: False, count: int | None
     ctx.set(port.valid, 0)
 
 
-def simulate(dut, body, *background) -> None:
+def simulate(dut, body, *background, platform: str | None = None) -> None:
     """Run ``async def body(ctx)`` to its end beside the testbenches ``background``."""
     top = Module()
     top.domains.sync = ClockDomain()  # also for a dut without registers
-    top.submodules.dut = dut
+    top.submodules.dut = Fragment.get(dut, platform)
     simulator = Simulator(top)
     simulator.add_clock(1e-6)
     for other in background:

@@ -14,18 +14,18 @@ from eskin.golden.core import InputError
 
 
 @contextmanager
-def refused(*said: str) -> Iterator[pytest.ExceptionInfo]:
+def refused(*words: str) -> Iterator[pytest.ExceptionInfo]:
     """A bad input is refused, in one line in which each of the patterns is found."""
     with pytest.raises(InputError) as caught:
         yield caught
     sentence = str(caught.value)
-    assert "\n" not in sentence and all(re.search(each, sentence) for each in said), sentence
+    assert "\n" not in sentence and all(re.search(each, sentence) for each in words), sentence
 
 
 def each_row(names: str | tuple[str, ...], table: Iterable[Any]) -> Callable[[Callable], Callable]:
     """As ``pytest.mark.parametrize``, but one test over all rows; a failure's note names the row.
 
-    Each row has its own ``tmp_path`` and its own ``monkeypatch``; other fixtures are shared.
+    Each row has a separate ``tmp_path`` and ``monkeypatch``; other fixtures are shared.
     """
     columns = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
     cells = [dict(zip(columns, row if len(columns) > 1 else [row], strict=True)) for row in table]

@@ -19,27 +19,27 @@ NEXT = ALL = 1 << 7
 NONE = 0xFFFF
 
 
-def same(came: dict[str, np.ndarray], model: IntegerModel) -> None:
+def same(received: dict[str, np.ndarray], model: IntegerModel) -> None:
     """What was read out is what the model holds, and nothing else."""
-    assert (came["taught_count"] == model.arrays["taught_count"]).all()
+    assert (received["taught_count"] == model.arrays["taught_count"]).all()
     for label, used in enumerate(taught_in_use(model)):
-        assert (came["taught"][label, :used] == model.arrays["taught"][label, :used]).all()
-        assert not came["taught"][label, used:].any()
+        assert (received["taught"][label, :used] == model.arrays["taught"][label, :used]).all()
+        assert not received["taught"][label, used:].any()
 
 
 class Taught:
     """A device and the golden stream beside it; every command goes to both."""
 
-    def __init__(self, model: IntegerModel, behind: Design, seed: int) -> None:
+    def __init__(self, model: IntegerModel, design: Design, seed: int) -> None:
         self.config, self.rng = model.config, random.Random(seed)
         self.stream = Stream(model)
-        self.device = Recorded(behind, self.config.sensor.sample_bits)
+        self.device = Recorded(design, self.config.sensor.sample_bits)
         self.device.reset(boot_writes(model.config, model.arrays))
         self.decisions = self.refused = self.taught = 0
 
     def play(self, samples: np.ndarray) -> None:
         """A recording from ARM on, in two pieces with a command between them; the end may be missing."""
-        device, told = self.device, []
+        device, decisions = self.device, []
         device.write(Register.CONTROL, Control.ARM)
         device.settle()
         device.forget()
@@ -51,19 +51,19 @@ class Taught:
             device.cycle(self.rng.randrange(1, 400))
             device.frames(piece[stalled:])
             device.settle()
-            told += self.stream.push(piece)
+            decisions += self.stream.push(piece)
             if self.rng.random() < 0.5:
                 self.command()
         if self.rng.random() < 0.7:
             device.write(Register.CONTROL, Control.FINISH)
             device.settle()
-            told += self.stream.finish()
+            decisions += self.stream.finish()
         seen = device.streams()["decision"][0].view(np.uint32).tolist()
-        assert seen == [pack_decision(self.config, decision.row()) for decision in told]
+        assert seen == [pack_decision(self.config, decision.row()) for decision in decisions]
         self.decisions += len(seen)
 
     def command(self) -> None:
-        """TEACH or FORGET at random; what is refused leaves its flag."""
+        """TEACH or FORGET at random; a refused one leaves its flag."""
         label, option = self.rng.randrange(self.config.classes), self.rng.random() < 0.4
         self.device.write(Register.CONTROL, Control.CLEAR_FAULTS)
         refused, was = False, taught_in_use(self.stream.model).sum()
@@ -106,19 +106,19 @@ class Taught:
             assert [word >> 9 for word in words] == [(first + place) % 128 for place in range(count)]
             return [word & 0x1FF for word in words]
 
-        came = taught_arrays(self.config, read)
-        same(came, self.stream.model)
-        return came
+        received = taught_arrays(self.config, read)
+        same(received, self.stream.model)
+        return received
 
     def reload(self) -> None:
         """Loads the model as the stream has it, so that what was taught stays over a reset."""
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
         self.device.settle()
-        held = self.stream.model.arrays | self.read_back()
+        arrays = self.stream.model.arrays | self.read_back()
         following = self.stream._following  # a touch that was named stays so
         self.stream = Stream(self.stream.model)
         self.stream._following = following
-        for address, word in boot_writes(self.config, held):
+        for address, word in boot_writes(self.config, arrays):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
         self.check()

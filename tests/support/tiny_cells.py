@@ -103,7 +103,7 @@ def _memory() -> str:
 
 
 def memory_library() -> str:
-    """The memory in a file of its own, typical."""
+    """The memory in a separate file, typical."""
     return HEAD.format(corner="typ", voltage=1.2, temperature=25) + _memory() + "}\n"
 
 

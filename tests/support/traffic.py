@@ -19,7 +19,7 @@ from eskin.cosim.runner import build
 from eskin.cosim.runner import run as simulate
 from eskin.cosim.scoreboard import FLAT_STAGES
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.program.memory_map import Register
+from eskin.rtl.program.memory_map import Control, Register
 from tests.support.link_flow import pack_decisions
 
 
@@ -65,24 +65,33 @@ class Script:
         """A reset so many cycles from now; what then is left up to the next mark is not done."""
         self.add("reset", cycles)
 
-    def recording(
-        self, samples: np.ndarray, sample_bits: int, *, arm: tuple[int, int], finish: tuple[int, int]
-    ) -> None:
-        """A recording (frames, taxels) as a good host plays it; arm, finish: (address, word) of the
-        commands."""
-        self.write(*arm)
+    def command(self, command: Control) -> None:
+        """Write CONTROL, and wait."""
+        self.write(Register.CONTROL, command)
         self.until_idle()
+
+    def recording(self, samples: np.ndarray, sample_bits: int) -> None:
+        """A recording (frames, taxels) as a good host plays it."""
+        self.command(Control.ARM)
         for frame in samples:
-            for taxel, sample in enumerate(frame):
-                self.beat(beat(int(sample), sample_bits, first=taxel == 0, last=taxel == len(frame) - 1))
+            for payload in beats(frame, sample_bits):
+                self.beat(payload)
         self.until_idle()
-        self.write(*finish)
-        self.until_idle()
+        self.command(Control.FINISH)
 
 
 def beat(sample: int, sample_bits: int, *, first: bool, last: bool) -> int:
     """The payload of a beat."""
     return sample & (1 << sample_bits) - 1 | first << sample_bits | last << sample_bits + 1
+
+
+def beats(frame: Sequence[int], sample_bits: int) -> list[int]:
+    """The payloads of a frame."""
+    last = len(frame) - 1
+    return [
+        beat(int(sample), sample_bits, first=taxel == 0, last=taxel == last)
+        for taxel, sample in enumerate(frame)
+    ]
 
 
 def run(
@@ -104,11 +113,11 @@ def run(
     return json.loads((work / "result.json").read_text())
 
 
-def by_mark(said: Sequence[Sequence[Any]]) -> dict[int, list[Sequence[Any]]]:
+def by_mark(events: Sequence[Sequence[Any]]) -> dict[int, list[Sequence[Any]]]:
     """The lines after each mark."""
     parts: dict[int, list[Sequence[Any]]] = {}
     current: list[Sequence[Any]] = []
-    for line in said:
+    for line in events:
         if line[0] == "mark":
             current = parts.setdefault(line[1], [])
         else:
@@ -155,7 +164,7 @@ def initial_values(verilog: str) -> list[int]:
 
 def changed(verilog: str, unknown: Iterable[int] = (), drawn: Mapping[int, int] | None = None) -> str:
     """``verilog`` with X for the initial values in the lines ``unknown``, and with other ones, by line
-    number, in those of ``drawn``."""
+    number, in the numbers of ``drawn``."""
     lines = verilog.split("\n")
     for number in unknown:
         lines[number] = ""

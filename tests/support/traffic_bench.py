@@ -26,7 +26,7 @@ class Traffic:
     def __init__(self, dut, control: int) -> None:
         self.dut, self.control = dut, control
         self.bus = HostBus(dut, {"none": 0}, {})
-        self.said: list[list] = []
+        self.events: list[list] = []
         self._sink = self._alarm = None
 
     async def start(self) -> None:
@@ -51,13 +51,13 @@ class Traffic:
             try:
                 await getattr(self, op)(*words)
             except Stuck:
-                self.said.append(["stuck", op])
+                self.events.append(["stuck", op])
                 self.dut.i__valid.value = 0
                 return
 
     async def segment(self, mark: int, ops: list[list[int]]) -> None:
         """What follows a mark."""
-        self.said.append(["mark", mark])
+        self.events.append(["mark", mark])
         self._alarm = None
         self._playing = cocotb.start_soon(self.play(ops))
         await self._playing.complete
@@ -72,7 +72,7 @@ class Traffic:
         await self.bus.write(address, word)
 
     async def read(self, address: int) -> None:
-        self.said.append(["read", await self.bus.read("none", address)])
+        self.events.append(["read", await self.bus.read("none", address)])
 
     async def beat(self, payload: int) -> None:
         dut = self.dut
@@ -121,8 +121,8 @@ class Traffic:
             self.dut.o__ready.value = 1 if self._sink is None else self._sink.random() < 0.25
 
     async def watch(self) -> None:
-        """What is taken or seen at each rising edge."""
-        dut, held = self.dut, None
+        """Values taken or seen at each rising edge."""
+        dut, pending = self.dut, None
         stages = [
             (stage, getattr(dut, f"probe__{stage}__valid"), getattr(dut, f"probe__{stage}__value"))
             for stage in FLAT_STAGES
@@ -132,12 +132,12 @@ class Traffic:
         while True:
             await RisingEdge(dut.clk)
             if dut.rst.value:
-                held = None
+                pending = None
                 continue
             unknown = [flag._name for flag in flags if not flag.value.is_resolvable]
             if unknown:
-                self.said.append(["unknown", *unknown])
-                held = None
+                self.events.append(["unknown", *unknown])
+                pending = None
                 continue
             for stage, valid, value in stages:
                 if valid.value:
@@ -150,14 +150,14 @@ class Traffic:
             if offered and dut.o__ready.value:
                 self.say("decision", payload)
             # a decision may be withdrawn by a command (ARM) alone
-            if held is not None and not writes and (not offered or payload != held):
+            if pending is not None and not writes and (not offered or payload != pending):
                 self.say("unstable", payload)
             armed = writes and dut.bus__addr.value == self.control
-            held = payload if offered and not dut.o__ready.value and not armed else None
+            pending = payload if offered and not dut.o__ready.value and not armed else None
 
     def say(self, kind: str, word) -> None:
         """A word of 32 bits, or its bits where one is unknown."""
-        self.said.append([kind, word.to_unsigned() if word.is_resolvable else str(word)])
+        self.events.append([kind, word.to_unsigned() if word.is_resolvable else str(word)])
 
 
 @cocotb.test()
@@ -168,4 +168,4 @@ async def play(dut) -> None:
     await traffic.start()
     for mark, ops in script["segments"]:
         await traffic.segment(mark, ops)
-    Path("result.json").write_text(json.dumps(traffic.said))
+    Path("result.json").write_text(json.dumps(traffic.events))

@@ -20,9 +20,18 @@ from eskin.rtl.program.memory_map import Control, Register
 from eskin.training.made_up import random_recordings
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
-from tests.support.traffic import Script, beat, by_mark, changed, differences, initial_values, run, width_of
+from tests.support.traffic import (
+    Script,
+    beat,
+    beats,
+    by_mark,
+    changed,
+    differences,
+    initial_values,
+    run,
+    width_of,
+)
 
-ARM, FINISH = (int(Register.CONTROL), int(Control.ARM)), (int(Register.CONTROL), int(Control.FINISH))
 CONFIG = SMALL.replace(hop=3, window=7, touch_frames=14, steps=3, pretrigger_frames=2, rearm_frames=11)
 HARMFUL = {int(Register.CONTROL), int(Register.MEMORY_DATA), int(Register.MASK)}
 """Registers that change what a recording gives."""
@@ -34,22 +43,16 @@ class Case:
     def __init__(self, config: AcceleratorConfig = CONFIG) -> None:
         self.model: IntegerModel = random_integer_model(config, 5)
         self.config = self.model.config
-        whole = (
-            config.rest_level.rest_frames
-            + config.windows.pretrigger_frames
-            + config.last_frame
-            + 2 * config.windows.hop
-        )
+        before = config.rest_level.rest_frames + config.windows.pretrigger_frames
+        whole, steps = before + config.last_frame + 2 * config.windows.hop, config.windows.steps
         for seed in range(200):
             self.recordings: Recordings = random_recordings(self.config, (2 * whole, whole), seed)
-            trace = golden_run(self.model, self.recordings)
-            if (trace.first >= 0).all() and trace.touches.completed[
-                trace.first
-            ].min() == config.windows.steps:
+            self.trace = golden_run(self.model, self.recordings)
+            first = self.trace.first
+            if (first >= 0).all() and self.trace.touches.completed[first].min() == steps:
                 break
         else:
             raise AssertionError("no seed gives both recordings a whole touch")
-        self.trace = trace
         self.verilog = export(self.config, self.model.arrays)
         self.boot = boot_writes(self.config, self.model.arrays)
 
@@ -71,9 +74,7 @@ class Case:
 
     def play(self, script: Script, index: int) -> None:
         """A recording as a good host plays it."""
-        script.recording(
-            self.recordings.recording(index), self.config.sensor.sample_bits, arm=ARM, finish=FINISH
-        )
+        script.recording(self.recordings.recording(index), self.config.sensor.sample_bits)
 
     def open_frames(self, folder: Path) -> range:
         """Frames of recording 1 after which its first touch is surely open: from its first step on, up to the
@@ -109,9 +110,8 @@ def rubbish(case: Case, script: Script, rng: random.Random) -> None:
         elif what < 0.6:
             script.sink(rng.choice((0, rng.randrange(1, 1 << 30))))
         elif what < 0.8:
-            frame = [rng.randrange(1 << bits) for _ in range(case.config.sensor.taxels)]
-            for taxel, sample in enumerate(frame):
-                script.beat(beat(sample, bits, first=taxel == 0, last=taxel == len(frame) - 1))
+            for payload in beats([rng.randrange(1 << bits) for _ in range(case.config.sensor.taxels)], bits):
+                script.beat(payload)
         else:
             for _ in range(rng.randint(1, 9)):
                 script.beat(
@@ -128,8 +128,7 @@ def recovery(case: Case, seed: str) -> Script:
     rubbish(case, script, rng)
     script.mark(2)
     script.sink(0)
-    script.write(*ARM)  # ends an open touch, in which weights would be refused
-    script.until_idle()
+    script.command(Control.ARM)  # ends an open touch, in which weights would be refused
     script.mark(1)
     case.load(script)
     case.play(script, 1)
@@ -143,11 +142,10 @@ def meddling(case: Case, seed: str, open_frames: range) -> Script:
     case.load(script)
     script.mark(1)
     script.sink(rng.choice((0, rng.randrange(1, 1 << 30))))
-    script.write(*ARM)
-    script.until_idle()
+    script.command(Control.ARM)
     samples, bits = case.recordings.recording(1), case.config.sensor.sample_bits
     for number, frame in enumerate(samples):
-        for taxel, sample in enumerate(frame):
+        for payload in beats(frame, bits):
             for _ in range(rng.choice((0, 0, 1, 3))):
                 address = rng.randrange(256)
                 kind = rng.random()
@@ -159,10 +157,9 @@ def meddling(case: Case, seed: str, open_frames: range) -> Script:
                     script.write(Register.CONTROL, Control.CLEAR_FAULTS)
                 elif address not in HARMFUL:
                     script.write(address, rng.randrange(1 << 16))
-            script.beat(beat(int(sample), bits, first=taxel == 0, last=taxel == len(frame) - 1))
+            script.beat(payload)
     script.until_idle()
-    script.write(*FINISH)
-    script.until_idle()
+    script.command(Control.FINISH)
     return script
 
 
@@ -191,8 +188,8 @@ def resets(case: Case, count: int, seed: int) -> Script:
 def judge(script: Script, case: Case, folder: Path, builds: Path, verilog: str = "") -> dict[int, list[str]]:
     """What differs from golden recording 1 after each mark from 0 on, and any X or standstill."""
     vectors = case.vectors(folder)
-    said = run(script, case.design(folder, verilog), folder, builds)
-    parts = {number: lines for number, lines in by_mark(said).items() if number >= 0}
+    result = run(script, case.design(folder, verilog), folder, builds)
+    parts = {number: lines for number, lines in by_mark(result).items() if number >= 0}
     return {number: differences(case.config, lines, vectors, 1) for number, lines in parts.items()}
 
 

@@ -1,5 +1,5 @@
 """Bits of the constants in memory that could flip without a change of the signature: none may, and an empty list is
-the proof (docs/specification.md, section 11)."""
+the proof (docs/specification_interfaces.md, section 11)."""
 
 from collections import defaultdict
 from collections.abc import Mapping

@@ -121,5 +121,5 @@ def differences(
     }.items():
         bench = bench.replace(f"@{mark}@", str(value))
     (folder / "bench.v").write_text(bench)
-    told = re.search(r"(\d+) differences, moved (\d+) times", run_bench(folder, "behaviour.v", "block.v"))
-    return int(told[1]), int(told[2])
+    counts = re.search(r"(\d+) differences, moved (\d+) times", run_bench(folder, "behaviour.v", "block.v"))
+    return int(counts[1]), int(counts[2])

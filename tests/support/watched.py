@@ -1,7 +1,7 @@
 """One command line in a forked child whose file accesses are watched, and what became of it.
 
 It passes when it ends with a status of the command line's own, or reaches work that is known to be long
-(training, a tool in a process of its own): that far everything given was read and checked.
+(training, a tool in a separate process): that far everything given was read and checked.
 """
 
 import contextlib
@@ -28,14 +28,11 @@ from eskin.choose.front_ends import FrontEndSearch
 from eskin.cli import main as command_line
 from eskin.study.stability import core as stability
 
-LIMIT_S, PROCESSOR_S = 150.0, 40
-"""Time without an answer, and processor time, of one input; the longest takes a quarter of it."""
-ROUNDS = 20
-"""So many times LIMIT_S may pass while an input takes processor time: beside other work it gets little."""
+LIMIT_S, PROCESSOR_S = 900.0, 40
+"""Time without an answer, which is long because an input gets little of a busy processor, and processor time of one
+input; the longest takes a quarter of it."""
 JUDGED = 6
 """Front ends that are judged; the rest of a choice is long work."""
-IDLE_TICKS = 1
-"""Processor time of LIMIT_S, in hundredths of a second, up to which an input stands still."""
 MEMORY_BYTES = 3 << 29
 """Address space that an input may take on top of the warm process."""
 ENDS = {0: "done", 1: "check not held", 2: "refused", "long work": "long work"}
@@ -74,7 +71,7 @@ class Verdict(NamedTuple):
 
 # ---------------------------------------------------------------------- in the child
 def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) -> None:
-    """Note what is written outside ``out`` and ``tmp``, and what is unpickled; ``stop`` at long work.
+    """Note files written outside ``out`` and ``tmp``, and objects unpickled; ``stop`` at long work.
 
     Long work: a gradient, a choice among many front ends, another process, a server, a mode of the stability suite, and unless ``draws`` a
     drawing.
@@ -154,42 +151,32 @@ def watched(case: Path, words: list[str], draws: bool = False) -> Verdict:
     child = multiprocessing.get_context("fork").Process(target=_child, args=(case, words, draws, sender))
     child.start()
     sender.close()
-    late, reply, spent = True, None, 0
-    for _ in range(ROUNDS):
-        late, before_it, spent = not answer.poll(LIMIT_S), spent, _ticks(child.pid)
-        if not late or spent - before_it <= IDLE_TICKS:
-            break
+    late, reply = not answer.poll(LIMIT_S), None
     with contextlib.suppress(EOFError):
         reply = None if late else answer.recv()
     child.kill()
     child.join()
-    said = (case / "said.txt").read_text(errors="replace")
+    output = (case / "said.txt").read_text(errors="replace")
     if reply is None:
         out_of_time = late or child.exitcode in (-signal.SIGXCPU, -signal.SIGKILL)
-        if out_of_time and _goes_on(said):
-            return _judged(case, before, "long work", said)
-        return Verdict("hang" if out_of_time else "odd status", f"exit code {child.exitcode}\n{said}")
+        if out_of_time and _goes_on(output):
+            return _judged(case, before, "long work", output)
+        return Verdict("hang" if out_of_time else "odd status", f"exit code {child.exitcode}\n{output}")
     status, notes, failure = reply
     if failure or notes:
         return Verdict(status, failure) if failure else Verdict(notes[0].partition(":")[0], "\n".join(notes))
-    return _judged(case, before, status, said)
+    return _judged(case, before, status, output)
 
 
-def _ticks(pid: int | None) -> int:
-    """Processor time of a process, in ticks of the system's clock."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return int(fields[11]) + int(fields[12])
-
-
-def _goes_on(said: str) -> bool:
+def _goes_on(output: str) -> bool:
     """Whether a job said of itself that it moves: a progress line with two counts or more."""
     counts: dict[str, set[str]] = {}
-    for what, count in re.findall(r"([a-z][a-z ]*): (\d+) of \d+", said):
+    for what, count in re.findall(r"([a-z][a-z ]*): (\d+) of \d+", output):
         counts.setdefault(what, set()).add(count)
     return any(len(values) > 1 for values in counts.values())
 
 
-def _judged(case: Path, before: dict[str, str], status: Any, said: str) -> Verdict:
+def _judged(case: Path, before: dict[str, str], status: Any, output: str) -> Verdict:
     """The verdict on an end without an exception."""
     after = _tree(case / "in")
     strays = {entry.name for entry in case.iterdir()} - {"in", "out", "tmp", "said.txt"}
@@ -200,18 +187,18 @@ def _judged(case: Path, before: dict[str, str], status: Any, said: str) -> Verdi
             name for name in before.keys() | after.keys() if before.get(name) != after.get(name)
         ),
         "wrote outside": sorted(strays),
-        "odd status": [] if status in ENDS else [f"status {status}", said],
-        "traceback": [said] if "Traceback (most recent call last)" in said else [],
+        "odd status": [] if status in ENDS else [f"status {status}", output],
+        "traceback": [output] if "Traceback (most recent call last)" in output else [],
         "no sentence": []
-        if status != 2 or any(word in said for word in ("eskin: ", "Error", "Usage"))
-        else [said],
+        if status != 2 or any(word in output for word in ("eskin: ", "Error", "Usage"))
+        else [output],
         "written by a refused command": [
             name for name in KEPT if status == 2 and (case / "out" / name).read_bytes() != b"keep"
         ],
         "left behind": left if status == 2 else [],
     }
     bad = next((outcome for outcome, details in defects.items() if details), "")
-    return Verdict(bad, "\n".join(defects[bad])) if bad else Verdict(ENDS[status], said)
+    return Verdict(bad, "\n".join(defects[bad])) if bad else Verdict(ENDS[status], output)
 
 
 def _tree(folder: Path) -> dict[str, str]:

@@ -27,6 +27,6 @@ def by_class(
 
 
 def texts(root: Path, text_of: Callable[[int], str], reading: Reading | None = None, **options) -> Recordings:
-    """What is read of the files ``by_class``, of the text that ``text_of`` gives to a number."""
+    """Recordings read of the files ``by_class``, of the text that ``text_of`` gives to a number."""
     write = lambda path, number: path.write_text(text_of(number))
     return load_recordings(by_class(root, write, **options), reading=reading or Reading())

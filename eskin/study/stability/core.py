@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record, Result
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import FloatModel, IntegerModel, Touches, pipeline, preprocess
@@ -268,13 +268,82 @@ def disturbed(scene: Scene, change: Change, level: float, taxels: Sequence[int])
 
 
 # ---------------------------------------------------------------------- what an experiment says
+class Curve(Result):
+    """Curve of an experiment: ``lines`` (name -> y at each x, in order of severity). The bound holds for the first line;
+    log: the x axis is."""
+
+    xlabel: str
+    ylabel: str
+    x: list[float]
+    lines: dict[str, list[float]]
+    log: bool
+
+
+class Confirmed(Result):
+    """A mode's golden case, or its experiment, in co-simulation."""
+
+    bit_exact: bool
+    recordings: int
+    compared_values: int
+    mismatches: int
+    frames: int
+    simulated_cycles: int
+    mismatch_list: list[str]
+
+
+class ModeResult(Result):
+    """A failure mode in stability.json.
+
+    room: how far the figure is from its bound. fails_at: where the curve leaves the bound. has_case: it has a golden case
+    for the hardware. rtl: the comparison in co-simulation, if one was played.
+    """
+
+    name: str
+    group: str
+    value: float
+    bound: float
+    unit: str
+    passed: bool
+    sense: str
+    reason: str
+    room: float
+    fails_at: float | None
+    curve: Curve | None
+    has_case: bool
+    rtl: Confirmed | None
+    worst_case: str
+    measures: str
+    wall_s: float
+
+
+class NotRun(Result):
+    """A mode that this model or call cannot have."""
+
+    name: str
+    group: str
+    why: str
+
+
+class Stability(Result):
+    """stability.json; weakest: names of modes."""
+
+    model: str
+    data: str
+    recordings: int
+    clean_accuracy: float
+    modes: list[ModeResult]
+    not_run: list[NotRun]
+    weakest: list[str]
+    passed: bool
+    wall_s: float
+
+
 def curve(
     xlabel: str, ylabel: str, x: Iterable[float], lines: Mapping[str, Iterable[float]], log: bool = False
-) -> Record:
-    """Curve of an experiment, as in stability.json: ``lines`` (name -> y at each x, in order of severity). The
-    bound holds for the first line; log: the x axis is."""
-    drawn = {name: [float(y) for y in line] for name, line in lines.items()}
-    return {"xlabel": xlabel, "ylabel": ylabel, "x": [float(at) for at in x], "lines": drawn, "log": log}
+) -> Curve:
+    """A curve of any numbers."""
+    drawn = {name: [*map(float, line)] for name, line in lines.items()}
+    return Curve(xlabel=xlabel, ylabel=ylabel, x=[*map(float, x)], lines=drawn, log=log)
 
 
 @dataclass(frozen=True)
@@ -293,9 +362,9 @@ class Outcome:
 
     value: float
     worst_case: str
-    curve: Record | None = None
+    curve: Curve | None = None
     case: Case | None = None
-    rtl: Record | None = None
+    rtl: Confirmed | None = None
 
 
 Bound = float | Callable[[Any], float]
@@ -382,8 +451,8 @@ def why_not(mode: Mode, config: AcceleratorConfig, hardware: bool = True) -> str
 
 def judge(
     mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = None
-) -> tuple[Record, Case | None]:
-    """The record of a mode, as in stability.json, and its case for the hardware; ``simulate`` measures what
+) -> tuple[ModeResult, Case | None]:
+    """The result of a mode, and its case for the hardware; ``simulate`` measures what
     has a key for it."""
     begin = time.perf_counter()
     bound = mode.bound(bench)
@@ -394,32 +463,32 @@ def judge(
         outcome = mode.run(bench)
     value, curve, fails_at = float(outcome.value), outcome.curve, None
     if curve:
-        points = zip(curve["x"], next(iter(curve["lines"].values())), strict=True)
+        points = zip(curve.x, next(iter(curve.lines.values())), strict=True)
         fails_at = next((x for x, y in points if not mode.holds(y, bound)), None)
-    record = {
-        "name": mode.name,
-        "group": mode.group,
-        "value": value,
-        "bound": bound,
-        "unit": mode.unit,
-        "passed": bool(mode.holds(value, bound)),
-        "sense": "at most" if mode.at_least is None else "at least",
-        "reason": mode.reason,
-        "room": mode.room(value, bound),
-        "fails_at": fails_at,
-        "curve": curve,
-        "has_case": outcome.case is not None,
-        "rtl": outcome.rtl,
-        "worst_case": outcome.worst_case,
-        "measures": mode.description,
-        "wall_s": round(time.perf_counter() - begin, 3),
-    }
+    record = ModeResult(
+        name=mode.name,
+        group=mode.group,
+        value=value,
+        bound=bound,
+        unit=mode.unit,
+        passed=bool(mode.holds(value, bound)),
+        sense="at most" if mode.at_least is None else "at least",
+        reason=mode.reason,
+        room=mode.room(value, bound),
+        fails_at=fails_at,
+        curve=curve,
+        has_case=outcome.case is not None,
+        rtl=outcome.rtl,
+        worst_case=outcome.worst_case,
+        measures=mode.description,
+        wall_s=round(time.perf_counter() - begin, 3),
+    )
     return record, outcome.case
 
 
-def weakest(records: Sequence[Record], count: int = 3) -> list[Record]:
+def weakest(records: Sequence[ModeResult], count: int = 3) -> list[ModeResult]:
     """The ``count`` modes with the least room to their bounds, failed ones first."""
-    return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
+    return sorted(records, key=lambda record: (record.passed, record.room))[:count]
 
 
 PAIRS = 28

@@ -83,11 +83,11 @@ def panel_of(recordings: Recordings, asked: str) -> Panel | None:
             weights = json.loads(Path(asked).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise InputError(
-                f"--stress {asked}: is neither on nor off, nor a JSON file ({error}); give one of these"
+                f"`stress` {asked}: is neither on nor off, nor a JSON file ({error}); give one of these"
             ) from None
         if not isinstance(weights, dict) or any(type(each) not in (int, float) for each in weights.values()):
             raise InputError(
-                f'--stress {asked}: holds no table of failure modes and weights; write one as {{"spikes": 1}}'
+                f'`stress` {asked}: holds no table of failure modes and weights; write one as {{"spikes": 1}}'
             )
     return Panel(recordings, weights)
 
@@ -129,12 +129,12 @@ class Panel:
         for name, weight in weights.items():
             if name not in EXPERIMENTS:
                 known = ", ".join(EXPERIMENTS)
-                raise InputError(f"--stress, mode '{name}': is unknown here; the modes are {known}")
+                raise InputError(f"`stress`, mode '{name}': is unknown here; the modes are {known}")
             if weight < 0:
-                raise InputError(f"--stress, mode '{name}': has the weight {weight}; give 0 or more")
+                raise InputError(f"`stress`, mode '{name}': has the weight {weight}; give 0 or more")
         self.weights = {name: weight for name, weight in weights.items() if weight > 0}
         if not self.weights:
-            raise InputError("--stress: gives no mode a weight above 0; give one, or --stress off")
+            raise InputError("`stress`: gives no mode a weight above 0; give one, or `stress` off")
         self._turns, self._all, self._seed = turns, recordings, seed
         self.rows = recordings.evenly(count)
         self._recordings = recordings.subset(self.rows)

@@ -1,7 +1,7 @@
-"""Converters between sensor and chain. Each is a class with its own fields and the plan by which hardware and
+"""Converters between sensor and chain. Each is a class with the fields of its chip and the plan by which hardware and
 golden model read it.
 
-The figures are those of the data sheets; if a sheet leaves something open, the slower or wider figure is
+The figures stand in the data sheets; if a sheet leaves something open, the slower or wider figure is
 used. On a board with 3.3 V pins a converter runs at 3.3 V; a converter whose data sheet has limits only for
 2.7 V and 5 V gets those for 2.7 V.
 """

@@ -45,7 +45,7 @@ def half_period(clock_hz: float, wanted_hz: float, least: int = HALF_MIN) -> int
 
 
 class Plan:
-    """Plan by which a configuration's converter is read, for all code except its own driver. Each plan also
+    """Plan by which a configuration's converter is read, for all code except its driver. Each plan also
     has ``wires`` (of a board), ``parameters`` (of the model in cosim/converters), ``scan_cycles`` and
     ``code_bits``."""
 

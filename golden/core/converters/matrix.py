@@ -94,7 +94,7 @@ class Matrix(Converter):
 
 
 class OneCell(SpiByName):
-    """The one chip behind the multiplexers."""
+    """The chip behind the multiplexers."""
 
     def chips(self, config: AcceleratorConfig) -> int:
         return 1

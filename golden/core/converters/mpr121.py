@@ -2,7 +2,7 @@
 for one configuration.
 
 Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with
-two chips each row and column is an electrode of its own.
+two chips each row and column is a separate electrode.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class MprPlan(Plan):
         return np.clip((FULL - fallen) // 2, 0, (1 << CODE_BITS) - 1)
 
     def from_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-        """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers
+        """Codes of the array's cells (frames, rows x columns) from the codes of its electrodes: a touch lowers
         both electrodes of its cell, so a cell's code is twice the smaller of their two drops from full
         scale."""
         across, down = self.lines

@@ -112,7 +112,7 @@ class SpiPlan(Plan):
     """Transfers of one frame at one clock.
 
     lines: data lines, whose chips share clock, command and select. selects: groups of chips that are read one
-    after the other, each with a select line of its own. transfers: (group, command) of each transfer of a
+    after the other, each with a separate select line. transfers: (group, command) of each transfer of a
     scan. half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of
     select high.
     """
@@ -194,7 +194,7 @@ class OnSpi(Converter):
     data_lines: Annotated[StrictInt, Ge(0)] = 0
 
     def chip(self) -> SpiChip:
-        """The chip's data sheet; each kind defines its own."""
+        """The chip's data sheet; each kind defines it."""
         raise NotImplementedError
 
     def chips(self, config: AcceleratorConfig) -> int:

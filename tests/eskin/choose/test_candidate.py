@@ -79,7 +79,7 @@ def test_a_named_board_has_to_hold_the_best_too():
     best, smaller = judged("gru", 12, 99), judged("gru", 4, 80)
     named = priced(named=True, fits=lambda config: config.network.hidden == 4)
     assert choose([best, smaller], named) is smaller
-    with refused("--fits icebreaker: is too small for all 2 candidates"):
+    with refused("`fits` icebreaker: is too small for all 2 candidates"):
         choose([best, smaller], priced(named=True, fits=lambda config: False))
 
 

@@ -13,12 +13,12 @@ from eskin.choose.choice import Searched, configure, inner_folds, train_chosen, 
 from eskin.choose.networks import SearchOptions
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
-from eskin.requests import TrainRequest
 from eskin.training import splits as splitting
 from eskin.training import train
 from eskin.training.integers import quantise
 from eskin.training.judge import cross_validate
 from eskin.training.splits import over_groups, split_folds
+from eskin.training.wanted import Wanted
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import by_person, gripped_recordings
 from tests.support.prices import priced
@@ -33,7 +33,7 @@ def gripped() -> Recordings:
 
 
 def trained(recordings, asked, tmp_path, **options):
-    request = TrainRequest(data="", out=tmp_path / "m", **{**FEW, **options})
+    request = Wanted(out=tmp_path / "m", **{**FEW, **options})
     return train_chosen(recordings, asked, priced(), request)
 
 
@@ -109,7 +109,7 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
     record = trained(gripped, None, tmp_path, folds=0)
     network = record["config"]["network"]
     assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
-    with refused("--cell auto: needs cross-validation"):
+    with refused("`cell` auto: needs cross-validation"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
 
@@ -130,14 +130,12 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, opt
     def chosen(recordings):
         plan = configure(recordings, None, priced())
         settings = by_person(recordings, [0])
-        tests = split_folds(recordings, ["person"], 5, None)
-        parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-        return Searched(plan, settings, options).choose(parts), tests
+        return Searched(plan, settings, options).choose([np.setdiff1d(np.arange(len(recordings)), test)])
 
-    before, tests = chosen(gripped)
+    test, *_ = split_folds(gripped, ["person"], 5, None)
     labels = gripped.labels.copy()
-    labels[tests[0]] = (labels[tests[0]] + 1) % 3
-    assert chosen(replace(gripped, labels=labels))[0][0] == before[0]
+    labels[test] = (labels[test] + 1) % 3
+    assert chosen(replace(gripped, labels=labels)) == chosen(gripped)
 
 
 def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value(gripped):

@@ -4,116 +4,76 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.data import Recordings
+from eskin.training.evaluate import HeldBack
 from tests.eskin.choose.test_candidate import CONFIG
+from tests.support.result_case import evaluation
 from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
 
 
-def split(
-    accuracy: float = 0.9, confusion=((9, 1, 0, 0), (0, 9, 1, 0), (1, 0, 9, 0)), groups=("person",)
-) -> dict:
-    return {
-        "groups": list(groups),
-        "integer_accuracy": accuracy,
-        "confusion": [list(row) for row in confusion],
-    }
-
-
-def baseline(
-    accuracy: float,
-    name: str = "linear classifier on the same features",
-    hardware: bool = True,
-    groups=("person",),
-    whole: bool = False,
-) -> dict:
-    return {
-        "groups": list(groups),
-        "name": name,
-        "accuracy": accuracy,
-        "standard_error": 0.02,
-        "hardware": hardware,
-        "whole": whole,
-    }
-
-
-VECTORS, WHOLE = "RBF-SVM on the same features", "linear classifier on whole recordings"
+SPLIT = {"groups": ["person"], "integer_accuracy": 0.9}
+NESTED = {"integer_accuracy": 0.85, "per_fold": 2 * [{"recordings": 141}], "range": [0.8, 0.908]}
+UNSEEN = SPLIT | {"nested": NESTED, "range": [0.7, 1.0]}
+BASELINE = {"groups": ["person"], "standard_error": 0.02, "hardware": True, "whole": False}
+BASELINE |= {"name": "linear classifier on the same features"}
+VECTORS = BASELINE | {"name": "RBF-SVM on the same features", "hardware": False}
+WHOLE = VECTORS | {"name": "linear classifier on whole recordings", "whole": True}
 LINEAR = {"cell": "linear", "hidden": 0, "accuracy": 0.9}
 SMALL, LARGE = ({"cell": "gru", "hidden": hidden, "accuracy": 0.91} for hidden in (8, 12))
 BEST_IS_LARGEST = [LINEAR, SMALL, LARGE | {"accuracy": 0.92}]
 NONE_BETTER = "no other candidate is better"
 
 
-@each_row(
-    "rows, candidates, parts",
-    [
-        ([], None, None),
-        ([baseline(0.915), baseline(0.99, groups=("speed",))], None, None),
-        ([baseline(0.925), baseline(0.91)], None, ["92.5 %", "90.0 %", "2.5 points", "--cell auto"]),
-        ([baseline(0.93)], BEST_IS_LARGEST, ["try --cell gru --hidden 16"]),
-        ([baseline(0.93)], [LINEAR, SMALL, LARGE | {"accuracy": 0.85}], [NONE_BETTER]),
-        ([baseline(0.93)], [LINEAR], [NONE_BETTER]),
-        ([baseline(0.939, VECTORS, False)], None, None),  # within two standard errors
-        (
-            [baseline(0.95, VECTORS, False)],
-            BEST_IS_LARGEST,
-            ["eskin has no hardware for it; try --cell gru --hidden 16"],
-        ),
-        ([baseline(0.95, WHOLE, False, whole=True)], [LINEAR], [NONE_BETTER]),
-    ],
-)
-def test_a_network_below_its_best_baseline(rows, candidates, parts):
-    found = doubts.below_baselines(split(), rows, candidates)
-    assert [one["code"] for one in found] == ["below_baselines"] * (parts is not None)
-    for one in found:
-        assert one["groups"] == ["person"] and one["text"].startswith("with person left out, the ")
-        assert all(part in one["text"] for part in parts)
+def below(candidates, *scored, split=SPLIT) -> list[dict]:
+    """What is said of these baselines and their accuracies."""
+    rows = [baseline | {"accuracy": accuracy} for baseline, accuracy in scored]
+    return doubts.below_baselines(split, rows, candidates)
 
 
-def test_what_chose_nothing_is_compared_with_what_was_chosen_without_the_fold():
-    chosen = split() | {"nested": {"integer_accuracy": 0.85}}
-    whole = baseline(0.9, WHOLE, False, whole=True)
-    (one,) = doubts.below_baselines(chosen, [baseline(0.905), whole], [LINEAR])
-    assert WHOLE in one["text"] and "the network 85.0 %, 5.0 points less" in one["text"]
-    assert doubts.below_baselines(chosen, [baseline(0.905)], [LINEAR]) == []
-    assert doubts.below_baselines(split(), [whole], [LINEAR]) == []
+def by_choice(accuracy) -> list[dict]:
+    return doubts.by_choice(SPLIT | {"nested": NESTED | {"integer_accuracy": accuracy}})
 
 
-def test_a_choice_that_is_too_optimistic():
-    nested = {"integer_accuracy": 0.87, "per_fold": 2 * [{"recordings": 141}]}
-    assert doubts.by_choice(split() | {"nested": nested}) == []
-    (one,) = doubts.by_choice(split() | {"nested": nested | {"integer_accuracy": 0.85}})
-    assert one["code"] == "by_choice" and "90.0 % correctly on the folds that chose it" in one["text"]
-    assert "85.0 %: quote the second figure for a new person" in one["text"] and doubts.sentences([one]) == [
-        one["text"]
-    ]
-
-
-def test_recordings_held_back_below_the_range():
-    of = split() | {"range": [0.7, 1.0], "nested": {"range": [0.8, 0.908]}}
-    assert doubts.below_range({"integer_accuracy": 0.8}, of) == []
-    (one,) = doubts.below_range({"integer_accuracy": 0.799}, of)
-    assert "79.9 %" in one["text"] and "promises 80.0 % to 90.8 %" in one["text"]
-    (seen,) = doubts.seen_in_training({"recordings": 356, "seen_in_training": 1}, "images")
-    assert "1 of the 356 images held back (0.3 %) are also in the training data" in seen["text"]
+def lost(on_smooth, on_rough) -> list[dict]:
+    return doubts.lost_classes(SPLIT | {"confusion": [on_smooth, on_rough, [1, 0, 9, 0]]}, NAMES)
 
 
 @each_row(
-    "on_smooth, on_rough, said",
+    "found, code, parts",
     [
-        ((9, 1, 0, 0), (0, 9, 1, 0), []),
-        ((9, 1, 0, 0), (0, 0, 0, 0), []),  # no recording of it
-        ((9, 1, 0, 0), (6, 3, 1, 0), ["rough is recognised no more often", "classified as smooth"]),
-        (
-            (0, 1, 0, 9),
-            (6, 3, 1, 0),
-            ["smooth, rough are recognised", "smooth is mostly classified as nothing"],
-        ),
+        (below(None), "", []),
+        (below(None, (BASELINE, 0.915), (BASELINE | {"groups": ["speed"]}, 0.99)), "", []),
+        (below(None, (BASELINE, 0.925), (BASELINE, 0.91)), "below_baselines",
+         ["with person left out, the ", "92.5 %", "90.0 %", "2.5 points", "`cell` auto"]),
+        (below(BEST_IS_LARGEST, (BASELINE, 0.93)), "below_baselines", ["try `cell` gru `hidden` 16"]),
+        (below([LINEAR, SMALL, LARGE | {"accuracy": 0.85}], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
+        (below([LINEAR], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
+        (below(None, (VECTORS, 0.939)), "", []),  # within two standard errors
+        (below(BEST_IS_LARGEST, (VECTORS, 0.95)), "below_baselines",
+         ["eskin has no hardware for it; try `cell` gru `hidden` 16"]),
+        (below([LINEAR], (WHOLE, 0.95)), "below_baselines", [NONE_BETTER]),
+        # what chose nothing beside what was chosen without the fold
+        (below([LINEAR], (BASELINE, 0.905), (WHOLE, 0.9), split=UNSEEN), "below_baselines",
+         [WHOLE["name"], "the network 85.0 %, 5.0 points less"]),
+        (below([LINEAR], (BASELINE, 0.905), split=UNSEEN), "", []),
+        (below([LINEAR], (WHOLE, 0.9)), "", []),
+        (by_choice(0.87), "", []),
+        (by_choice(0.85), "by_choice", ["90.0 % correctly on the folds that chose it", "85.0 %: quote the second figure for a new person"]),
+        (doubts.below_range(evaluation(1, integer=0.8), UNSEEN), "", []),
+        (doubts.below_range(evaluation(1, integer=0.799), UNSEEN), "below_range", ["79.9 %", "promises 80.0 % to 90.8 %"]),
+        (doubts.seen_in_training(HeldBack(**vars(evaluation(356)), seen_in_training=1), "images"), "seen_in_training",
+         ["1 of the 356 images held back (0.3 %) are also in the training data"]),
+        (lost([9, 1, 0, 0], [0, 9, 1, 0]), "", []),
+        (lost([9, 1, 0, 0], [0, 0, 0, 0]), "", []),  # no recording of it
+        (lost([9, 1, 0, 0], [6, 3, 1, 0]), "lost_classes", ["rough is recognised no more often", "classified as smooth"]),
+        (lost([0, 1, 0, 9], [6, 3, 1, 0]), "lost_classes", ["smooth, rough are recognised", "smooth is mostly classified as nothing"]),
     ],
-)
-def test_a_lost_class(on_smooth, on_rough, said):
-    found = doubts.lost_classes(split(confusion=(on_smooth, on_rough, (1, 0, 9, 0))), NAMES)
-    assert len(found) == bool(said) and all(words in one["text"] for one in found for words in said)
+)  # fmt: skip
+def test_a_doubt_and_none_on_what_is_sound(found, code, parts):
+    assert [doubt["code"] for doubt in found] == [code] * bool(code)
+    assert all(part in sentence for sentence in doubts.sentences(found) for part in parts)
+    assert not code.startswith("below_b") or found[0]["groups"] == ["person"]
 
 
 @each_row(
@@ -153,7 +113,7 @@ def test_neighbours_that_look_alike():
     # what `run` would refuse is not advised
     refused = {"source_file": np.arange(90), "sensor": np.zeros(90), "one_class": np.arange(90) // 15}
     assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0]["text"]
-    assert "--group session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
+    assert "`group` session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell

@@ -218,7 +218,7 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     recordings = replace(recordings, samples=shifted)
     for groups, split, advice in (
         (recordings.groups, ["day"], "with day left out, .*record every class at every day"),
-        ({}, [], "name these in an array of the archive and give it with --group"),
+        ({}, [], "name these in an array of the archive and give it with `group`"),
     ):
         front_end = choose_front_end(replace(recordings, groups=groups), priced())
         (doubt,) = front_end.doubts

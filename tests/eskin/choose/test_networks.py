@@ -172,7 +172,7 @@ def test_what_does_not_fit_a_named_board_is_not_judged():
     nothing = {"named": True, "fits": lambda config: False}
     with refused("no candidate network fits it and the board icebreaker"):
         played([CONFIG], lambda one: 360, **nothing)
-    with refused("--fits icebreaker: does not hold gru"):
+    with refused("`fits` icebreaker: does not hold gru"):
         played([CONFIG], lambda one: 360, SearchOptions(cell="gru"), **nothing)
 
 

@@ -3,25 +3,23 @@
 from typer.main import get_command
 
 import eskin.cli.main  # noqa: F401  registers the verbs
-from eskin.choose import doubts
 from eskin.cli.common import PANELS, app
 from eskin.golden.core import PRESETS
+from eskin.requests import spelled
 from eskin.training.formats import with_network
-from tests.eskin.choose.test_doubts import baseline, split
+from tests.eskin.choose.test_doubts import BASELINE, VECTORS, below
 from tests.support.table import each_row
-
-RIVALS = [("linear classifier on the same features", True), ("RBF-SVM on the same features", False)]
 
 
 @each_row("verb", ["run", "train"])
-@each_row("name, hardware", RIVALS)
+@each_row("rival", [BASELINE, VECTORS])
 @each_row("cell, hidden", [("linear", 0), ("gru", 8), ("gru", 32)])
-def test_every_advice_is_something_that_the_verbs_take(verb, name, hardware, cell, hidden):
+def test_every_advice_is_something_that_the_verbs_take(verb, rival, cell, hidden):
     """The options of the sentence are options of both verbs, and the network is one that there is."""
     options = {opt for parameter in get_command(app).commands[verb].params for opt in parameter.opts}
     for candidates in ([{"cell": cell, "hidden": hidden, "accuracy": 0.9}], None):
-        (one,) = doubts.below_baselines(split(), [baseline(0.95, name, hardware)], candidates)
-        words = one["text"].replace(";", " ").split()
+        (one,) = below(candidates, (rival, 0.95))
+        words = spelled(one["text"]).replace(";", " ").split()
         assert {word for word in words if word.startswith("--")} <= options
         if "--hidden" in words:
             advised = int(words[words.index("--hidden") + 1])

@@ -148,12 +148,13 @@ def test_a_log_a_recording_in_a_folder_by_class(tmp_path, known):
     check(load_recordings(tmp_path), known)
 
 
-def test_a_pipe_in_the_folder_of_a_bag_is_refused(tmp_path, known):
+@each_row("name", ["a.npz", "a.csv", "a.mat", "a.h5", "a.mcap", "bag/bag.db3"])
+def test_a_pipe_is_refused(tmp_path, known, name):
     doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
-    (tmp_path / "bag" / "bag.db3").unlink()
-    os.mkfifo(tmp_path / "bag" / "bag.db3")
-    with refused("bag': bag.db3 is not a regular file"):
-        load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    with refused("is not a regular file"):
+        load_recordings(tmp_path / name.partition("/")[0], reading=Reading(label="/touched"))
 
 
 @each_row(

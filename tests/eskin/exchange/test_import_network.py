@@ -15,32 +15,13 @@ from eskin.training.datasets import find_dataset, touch_rows
 from eskin.training.fit import fit_networks
 from eskin.training.recipe import Recipe
 from tests.support.table import each_row, refused
+from tests.support.torch_networks import Network
 from tests.support.touch_scenes import SMALL, scene
 
 SYNTHETIC = PRESETS["synthetic"]
 SCALE = {"mean": -3.5, "std": 140.0}
-
-
-class Network(torch.nn.Module):
-    """A layer of torch and a Linear, as somebody would write it."""
-
-    def __init__(
-        self, cell: type, taxels: int = 16, hidden: int = 10, classes: int = 3, seed: int = 1
-    ) -> None:
-        super().__init__()
-        torch.manual_seed(seed)
-        more = {"batch_first": True} if cell in (torch.nn.GRU, torch.nn.LSTM) else {}
-        self.recurrent = cell(taxels, hidden, **more)
-        self.head = torch.nn.Linear(hidden, classes)
-
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
-        if isinstance(self.recurrent, (torch.nn.GRU, torch.nn.LSTM)):
-            return self.head(self.recurrent(features)[0])
-        state, logits = None, []
-        for step in features.unbind(1):
-            state = self.recurrent(step, state)
-            logits.append(self.head(state[0] if isinstance(state, tuple) else state))
-        return torch.stack(logits, dim=1)
+SIZES = 16, 10
+"""Inputs and units."""
 
 
 def saved(path: Path, state: dict) -> Path:
@@ -51,7 +32,7 @@ def saved(path: Path, state: dict) -> Path:
 @each_row("prefix, steps", [("", 20), ("module.net.", 1)])
 @each_row("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
 def test_torch_network_computes_the_same(tmp_path, name, prefix, steps):
-    network = Network(getattr(torch.nn, name)).double()
+    network = Network(name, *SIZES).double()
     file = saved(tmp_path / "net.pt", {prefix + key: value for key, value in network.state_dict().items()})
     cell, reset = ("gru", "after") if "GRU" in name else ("lstm", None)
     config = SYNTHETIC.replace(steps=steps)
@@ -82,9 +63,11 @@ def not_imported(
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-def torch_file(tmp_path: Path, cell: type = torch.nn.GRU, *sizes: int, **arrays: torch.Tensor | None) -> Path:
+def torch_file(tmp_path: Path, cell: str = "GRU", *sizes: int, **arrays: torch.Tensor | None) -> Path:
     """A file of a network with other ``arrays`` (None: without it); ``__`` in a name stands for a dot."""
-    state = Network(cell, *sizes).state_dict() | {name.replace("__", "."): a for name, a in arrays.items()}
+    state = Network(cell, *(sizes or SIZES)).state_dict() | {
+        name.replace("__", "."): a for name, a in arrays.items()
+    }
     return saved(tmp_path / "net.pt", {name: array for name, array in state.items() if array is not None})
 
 
@@ -93,14 +76,8 @@ def torch_file(tmp_path: Path, cell: type = torch.nn.GRU, *sizes: int, **arrays:
     [
         (torch_file, [], "gru", "before", "has reset after, not before; use --reset after"),
         (torch_file, [], "lstm", "before", "has cell gru, not lstm; use --cell gru"),
-        (torch_file, [torch.nn.LSTM], "gru", "after", "has cell lstm, not gru; use --cell lstm"),
-        (
-            torch_file,
-            [torch.nn.RNN],
-            "gru",
-            "after",
-            r"weight_hh_l0: has shape \(10, 10\), neither \(3 x hidden",
-        ),
+        (torch_file, ["LSTM"], "gru", "after", "has cell lstm, not gru; use --cell lstm"),
+        (torch_file, ["RNN"], "gru", "after", r"weight_hh_l0: has shape \(10, 10\), neither \(3 x hidden"),
         (torch_file, [], None, None, "use --reset after"),  # the configuration speaks
         (torch_file, [], "linear", None, "a linear cell, which is read from ONNX"),
     ],
@@ -109,7 +86,7 @@ def test_a_file_of_another_variant(tmp_path, file, arguments, cell, reset, match
     not_imported(tmp_path, file(tmp_path, *arguments), match, cell=cell, reset=reset)
 
 
-ONES, SPOILED = torch.ones, Network(torch.nn.GRU).state_dict()["recurrent.weight_hh_l0"].clone()
+ONES, SPOILED = torch.ones, Network("GRU", *SIZES).state_dict()["recurrent.weight_hh_l0"].clone()
 SPOILED[3, 2] = float("nan")
 ELSE = "holds objects other than tensors"
 
@@ -143,11 +120,11 @@ class Code:
 
 def test_code_in_a_file_is_never_run(tmp_path):
     mark, file = tmp_path / "ran.pt", tmp_path / "net.pt"
-    state = Network(torch.nn.GRU).state_dict()
+    state = Network("GRU", *SIZES).state_dict()
     for zipped in (True, False):
         torch.save(state | {"head.bias": Code(mark)}, file, _use_new_zipfile_serialization=zipped)
         not_imported(tmp_path, file, "holds pickled code, which is never run; save only the weights")
-    torch.save(Network(torch.nn.GRU), file)
+    torch.save(Network("GRU"), file)
     not_imported(tmp_path, file, "holds pickled code, which is never run; save only the weights")
     assert not mark.exists()
     torch.load(file, weights_only=False)  # the trap works where somebody falls into it
@@ -159,11 +136,7 @@ def test_code_in_a_file_is_never_run(tmp_path):
 # ---------------------------------------------------------------------- on to the integer model
 def test_measured_normalisation_is_that_of_training(tmp_path):
     """The same mean and deviation as a training on the same recordings writes."""
-    recordings, file, recipe = (
-        scene(30),
-        torch_file(tmp_path, torch.nn.GRU, 4, 6),
-        Recipe(name="one", updates=1),
-    )
+    recordings, file, recipe = (scene(30), torch_file(tmp_path, "GRU", 4, 6), Recipe(name="one", updates=1))
     record = import_network(file, SMALL, out=tmp_path / "model", reset="after", recordings=recordings)
     data = find_dataset(recordings, SMALL, recipe)
     everything = [touch_rows(data, np.arange(len(recordings)))]

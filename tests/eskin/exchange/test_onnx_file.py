@@ -18,11 +18,13 @@ from eskin.data import load_recordings
 from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features, network_shapes
+from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
+from tests.support.random_models import random_float_model
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
+from tests.support.torch_networks import Network
 
 CONFIG = TRACKED.replace(hidden=6, class_names=("press", "stroke", "tap"))
 WIDE = {"state_format": QFormat(4, 12)}
@@ -37,11 +39,8 @@ CELLS = {
 }
 
 
-def model_of(config: AcceleratorConfig, seed: int = 1) -> FloatModel:
-    rng = np.random.default_rng(seed)
-    arrays = {name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(config, real=True).items()}
-    scale = {"mu": np.full(constants_shape(config), 3.0), "sigma": np.full(constants_shape(config), 7.0)}
-    return FloatModel(config, arrays | scale)
+def model_of(config: AcceleratorConfig) -> FloatModel:
+    return random_float_model(config, 1, 0.5, 3.0, 7.0)
 
 
 def taken(file, tmp_path, config=CONFIG, **options) -> FloatModel:
@@ -82,20 +81,8 @@ def test_a_hundred_recordings_through_onnxruntime(name, kind, shared_data, tmp_p
     assert len(features) >= 100 and difference < (1e-5 if config.recurrent else 1e-4)
 
 
-class Net(torch.nn.Module):
-    """A layer with a readout behind the last or every step, steps or batch first."""
-
-    def __init__(self, layer: str, last: bool, batch_first: bool = True) -> None:
-        super().__init__()
-        torch.manual_seed(3)
-        self.cell = getattr(torch.nn, layer)(4, 6, batch_first=batch_first)
-        self.head, self.last, self.batch_first = torch.nn.Linear(6, 3), last, batch_first
-
-    def forward(self, x):
-        states = self.cell(x)[0]
-        if self.last:
-            states = states[:, -1] if self.batch_first else states[-1]
-        return self.head(states)
+class Net(Network):
+    """One that torch exports."""
 
     def logits(self, x: np.ndarray) -> np.ndarray:
         """Of features (touches, steps, 4)."""
@@ -259,7 +246,7 @@ def test_layouts_of_a_converter_of_keras(kind, tmp_path):
 def test_a_fixed_batch_is_no_number_of_steps_and_the_decision_is_the_files(
     last, batch_first, layer, tmp_path
 ):
-    net = Net(layer, last, batch_first)
+    net = Net(layer, last=last, batch_first=batch_first)
     # eight touches of five steps: CONFIG has five
     file = net.saved(tmp_path, (8, 5, 4) if batch_first else (5, 8, 4))
     assert CONFIG.network.decision == "vote"
@@ -275,7 +262,7 @@ def test_a_fixed_batch_is_no_number_of_steps_and_the_decision_is_the_files(
 
 
 def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference(tmp_path, monkeypatch, call):
-    net = Net("GRU", last=False)
+    net = Net("GRU")
     made = onnx.load_model(net.saved(tmp_path))
     x = np.random.default_rng(4).normal(size=(9, 5, 4))
     logits = net.logits(x)

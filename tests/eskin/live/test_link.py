@@ -89,7 +89,7 @@ def test_packets_go_on_from_the_devices_count_and_a_reset_is_noticed():
 
 
 def test_decisions_under_way_when_arm_comes_belong_to_the_recording_before():
-    """docs/specification.md, sections 7 and 9."""
+    """docs/specification.md, section 7, and docs/specification_interfaces.md, section 9."""
     device = Late((5, 6, 7))
     host = link.Link(device, device.registers, timeout_s=0.01)
     for _ in range(3):

@@ -99,7 +99,7 @@ def test_one_difference_in_one_recording_is_seen(model, recordings, case):
 
     stage = Stage(SimulationSource(model, Twin(model, spoil)), recordings).go()
     tally = stage.player.tally
-    assert tally.mismatches > 0 and any(sentence in said for said in tally.said)
+    assert tally.mismatches > 0 and any(sentence in said for said in tally.sentences)
     assert [message["wrong"] for message in stage.seen("result")] == [tally.mismatches, 0, 0, 0, 0]
 
 
@@ -116,7 +116,7 @@ def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
     simulated = Accelerator(design, config, registers, boot_writes(config, model.arrays))
     stage = Stage(SimulationSource(model, simulated), recordings).go()
     tally = stage.player.tally
-    assert (tally.mismatches, tally.said) == (0, []) and tally.compared == expected_values(
+    assert (tally.mismatches, tally.sentences) == (0, []) and tally.compared == expected_values(
         run(model, recordings).streams
     )
 
@@ -130,7 +130,7 @@ def test_a_board_is_equal_and_a_wrong_decision_is_seen(model, recordings):
         source = board(model, device)
         tally = Stage(source, recordings).go().player.tally
         source._link._transport.close()
-    assert (tally.mismatches, tally.said) == (0, []) and tally.compared > 60
+    assert (tally.mismatches, tally.sentences) == (0, []) and tally.compared > 60
     golden = golden_decisions(model, recordings)
 
     def decide(samples):

@@ -32,24 +32,22 @@ PART = Part(
 def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
     energy = estimate(CONFIG, PART, ACTIVITY, 2e6)
     step = 200 * 50e-12 + 30_000 * 0.2e-12 + 1_200 * 20e-12
-    assert energy["per_step_j"] == pytest.approx(step, rel=1e-12) == pytest.approx(40e-9)
-    assert energy["per_touch_j"] == pytest.approx(20 * step)
+    assert energy.per_step_j == pytest.approx(step, rel=1e-12) == pytest.approx(40e-9)
+    assert energy.per_touch_j == pytest.approx(20 * step)
     frame = 16 * 50e-12 + 900 * 0.2e-12
-    assert energy["preprocessing_per_touch_j"] == pytest.approx(6144 * frame)
-    on, stopped, own = energy["choices"]  # 1 MHz of its own would be too slow
+    assert energy.preprocessing_per_touch_j == pytest.approx(6144 * frame)
+    on, stopped, own = energy.choices  # 1 MHz of its own would be too slow
     added = 20 * (step - 200 * 50e-12)
     idle = 100e-6 + 2e6 * (50e-12 + 3 * 0.2e-12) + 3000 * 900 * 0.2e-12
-    assert energy["idle_w"] == on["idle_w"] == pytest.approx(idle) and on["average_w"] == pytest.approx(
-        idle + added
-    )
-    assert stopped["average_w"] == pytest.approx(
+    assert energy.idle_w == on.idle_w == pytest.approx(idle) and on.average_w == pytest.approx(idle + added)
+    assert stopped.average_w == pytest.approx(
         100e-6 + 3000 * (frame - 4 * 50e-12) + 20 * step + 6144 * 4 * 50e-12
     )
-    assert own["clock_hz"] == 6e6 and own["idle_w"] == pytest.approx(
+    assert own.clock_hz == 6e6 and own.idle_w == pytest.approx(
         500e-6 + 6e6 * 3 * 0.2e-12 + 3000 * 900 * 0.2e-12
     )
-    assert BATTERY_J == 18000 and on["hours"] == pytest.approx(18000 / on["average_w"] / 3600)
-    assert energy["touch_s"] == pytest.approx(2.048)
+    assert BATTERY_J == 18000 and on.hours == pytest.approx(18000 / on.average_w / 3600)
+    assert energy.touch_s == pytest.approx(2.048)
 
 
 def test_the_fit_meets_what_the_source_measured():

@@ -21,18 +21,12 @@ from tests.support.touch_scenes import SMALL, scene
 RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
 
 
-def checked(recordings, config=SMALL, left_in=0, cut=True):
-    """What a network trained on half of the recordings knows of the other half without their touches; where
-    the gate opens at once, of their first frames. cut: False: its accuracy on whole recordings."""
+def trained(recordings, config=SMALL):
+    """A network trained on half of the recordings, and the other half."""
     halves = [recordings.subset(np.arange(begin, len(recordings), 2)) for begin in (0, 1)]
     data = Datasets(halves[0]).of(config, RECIPE)
     (model,) = fit_networks(data, config, RECIPE, [np.arange(len(data.touches))], 0, lambda done, total: None)
-    integer = quantise_model(model, profile(model, data.touches))
-    if not cut:
-        return run(integer, halves[1]).accuracy(halves[1].labels)
-    if config.opens_at_once:
-        return known_from_first_frames(integer, halves[1])
-    return known_without_touch(integer, halves[1], left_in=left_in)
+    return quantise_model(model, profile(model, data.touches)), halves[1]
 
 
 RAW = SMALL.replace(rest="none", rest_frames=0, onset="band", band_low=0, band_high=100)
@@ -65,26 +59,25 @@ def test_the_lead_in_repeated(left_in):
         if onset < 0:
             np.testing.assert_array_equal(new, old)
             continue
-        quiet = onset - SMALL.onset_rule.onset_mean_frames
-        for frame, values in enumerate(new, 1):
-            first = onset + left_in if left_in else quiet + 1
-            source = frame if frame < first else (frame - first) % quiet + 1
-            np.testing.assert_array_equal(values, old[source - 1])
+        quiet, frame = onset - SMALL.onset_rule.onset_mean_frames, np.arange(1, len(new) + 1)
+        first = onset + left_in if left_in else quiet + 1
+        source = np.where(frame < first, frame, (frame - first) % quiet + 1)
+        np.testing.assert_array_equal(new, old[source - 1])
 
 
 # ---------------------------------------------------------------------- the verdict
 def test_a_clean_scene_passes_and_touches_left_in_do_not():
-    recordings = scene(90, seed=1)
-    clean = checked(recordings)
+    integer, others = trained(scene(90, seed=1))
+    clean = known_without_touch(integer, others)
     assert clean.accuracy <= clean.limit < 0.5 and 30 < clean.recordings < 45
     assert doubts.leaks(**vars(clean)) == []
-    leaking = checked(recordings, left_in=40)
+    leaking = known_without_touch(integer, others, left_in=40)
     (doubt,) = doubts.leaks(**vars(leaking))
     assert leaking.accuracy > leaking.limit and "reveals the class" in doubt["text"]
 
 
 def test_a_class_that_shows_before_the_touch_is_found():
-    leak = checked(resting(), RAW)
+    leak = known_without_touch(*trained(resting(), RAW))
     assert leak.accuracy > 0.9 > leak.limit and leak.recordings == 30
 
 
@@ -96,11 +89,12 @@ def test_recordings_without_a_lead_in_say_nothing():
 def test_a_gate_that_opens_at_once_is_checked_by_the_first_frames():
     """The first 64 frames are the resting level: left in it tells the class, taken off it does not."""
     at_once = SMALL.replace(onset="immediate", rest="initial", clip=0)
-    leak = checked(resting(), at_once.replace(rest="none", rest_frames=0))
+    leak = known_from_first_frames(*trained(resting(), at_once.replace(rest="none", rest_frames=0)))
     assert leak.frames == 64 and leak.accuracy > leak.limit and leak.recordings == 30
     assert "from their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0]["text"]
-    clean = checked(resting(), at_once)
+    clean = known_from_first_frames(*trained(resting(), at_once))
     assert clean.frames == 64 and clean.accuracy <= clean.limit
-    long = at_once.replace(steps=16)  # the touches tell it, and begin about there
-    whole = checked(scene(90, seed=1), long, cut=False)
-    assert whole > 0.65 > checked(scene(90, seed=1), long).accuracy
+    # the touches tell it, and begin about there
+    integer, others = trained(scene(90, seed=1), at_once.replace(steps=16))
+    whole = run(integer, others).accuracy(others.labels)
+    assert whole > 0.65 > known_from_first_frames(integer, others).accuracy

@@ -227,8 +227,8 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     assert changed(taught_ready, tmp_path / "m") == {"taught", "taught_count"}
     assert result["touches"] == EACH_TWO == result["in_use"] and result["passed"]
     judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
-    assert judged["agreement"] > 0.9, judged
-    assert judged["float_accuracy"] >= after - 0.02
+    assert judged.agreement > 0.9, judged
+    assert judged.float_accuracy >= after - 0.02
     with refused("it holds taught touches, which new integers would lose"):
         quantise(tmp_path / "m", OLD, readout="dense")
 

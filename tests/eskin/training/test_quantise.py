@@ -3,7 +3,6 @@ refused."""
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,7 +21,6 @@ from eskin.golden.model.pipeline import float_features
 from eskin.training.evaluate import evaluate
 from eskin.training.formats import with_network
 from eskin.training.integers import quantise
-from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,
     LAST_LOGIT,
@@ -36,17 +34,13 @@ from eskin.training.quantise import (
 )
 from tests.golden.model.test_cells import CELLS
 from tests.support.folder import contents
+from tests.support.random_models import random_float_model
 from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
 
 def float_model(config=SMALL, seed=0):
-    """An untrained network, scaled as a trained one would be."""
-    network = RecurrentClassifier(config, generator=torch.Generator().manual_seed(seed))
-    return FloatModel(
-        config,
-        {k: 2.5 * v for k, v in network.arrays().items()} | {"mu": np.array(5.0), "sigma": np.array(40.0)},
-    )
+    return random_float_model(config, seed, 0.6, 5.0, 40.0)
 
 
 def saved(folder, config=SMALL):
@@ -73,7 +67,7 @@ def test_a_covering_format_holds_the_range_and_no_finer_one_does(low, high, bits
 def test_integers_follow_the_float_network(cell, reset):
     """Wide formats give nearly the float logits: a wrong scale, name or merged bias would be far off."""
     config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(40, seed=3)
-    model = float_model(config, seed=4)
+    model = float_model(config, seed=7)
     touches = find_touches(config, recordings)
     integer = quantise_model(
         model, profile(model, touches), weight_bits=10, state_bits=16, table_entries=1024
@@ -149,7 +143,7 @@ def test_what_config_json_says_stays(tmp_path):
         (
             {"hop": 9, "window": 18},
             {},
-            r"field hop: is 9 .*, and so are the noted ranges; give recordings \(--data\)",
+            r"field hop: is 9 .*, and so are the noted ranges; give recordings \(`data`\)",
         ),
         ({"taught": 2, "readout": "prototypes"}, {}, "field readout: is 'prototypes', which are made of"),
         ({}, {"weight_bits": 1}, "field weight_format: 1 bits"),
@@ -324,19 +318,19 @@ def test_evaluate_counts_what_it_says(tmp_path):
     quantise(folder)
     result = evaluate(folder, recordings)
     trace, ideal = run(IntegerModel.load(folder), recordings), run(FloatModel.load(folder), recordings)
-    assert (result["recordings"], result["not_touched"], result["partial"]) == (20, 1, 1)
+    assert (result.recordings, result.not_touched, result.partial) == (20, 1, 1)
     right = np.sum(trace.decision == recordings.labels)
-    assert result["integer_accuracy"] == pytest.approx(right / 20)
-    assert result["agreement"] == pytest.approx(np.mean(trace.decision == ideal.decision))
-    confusion = np.array(result["confusion"])
+    assert result.integer_accuracy == pytest.approx(right / 20)
+    assert result.agreement == pytest.approx(np.mean(trace.decision == ideal.decision))
+    confusion = np.array(result.confusion)
     assert (confusion.sum(), np.trace(confusion), confusion.sum(axis=0)[-1]) == (20, right, 1)
-    classes = result["per_class"].values()
-    assert sum(c["recordings"] * c["integer_accuracy"] for c in classes) == pytest.approx(right)
-    assert [row["step"] for row in result["per_step"]] == [1, 2, 3, 4, 5, 6]
+    classes = result.per_class.values()
+    assert sum(c.recordings * c.integer_accuracy for c in classes) == pytest.approx(right)
+    assert [row.step for row in result.per_step] == [1, 2, 3, 4, 5, 6]
     touched = trace.first >= 0
     last = trace.local[trace.first[touched], 5] == recordings.labels[touched]
     # no touch, or cut short: wrong
-    assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
+    assert result.per_step[5].integer_accuracy == pytest.approx(last.sum() / 20)
 
 
 @each_row("cell, reset", CELLS)

@@ -76,11 +76,11 @@ same rounding."""
 @each_row("cell, reset, stage", COARSENED)
 def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, stage):
     fine, coarse = (
-        {error["stage"]: error for error in stage_errors(*models(cell, reset, **formats))}
+        {error.stage: error for error in stage_errors(*models(cell, reset, **formats))}
         for formats in ({}, COARSE[stage])
     )
-    assert list(coarse) == list(STAGES) and logit_error(list(coarse.values()))["stage"] == stage
+    assert list(coarse) == list(STAGES) and logit_error(list(coarse.values())).stage == stage
     for figure, least in (("logit_max", 4), ("logit_mean", 4), ("mean", 1.5)):
-        assert coarse[stage][figure] > least * fine[stage][figure]
+        assert getattr(coarse[stage], figure) > least * getattr(fine[stage], figure)
     for other in set(STAGES) - {stage}:
-        assert coarse[other]["logit_max"] < 2.5 * fine[other]["logit_max"] + 1e-9
+        assert coarse[other].logit_max < 2.5 * fine[other].logit_max + 1e-9

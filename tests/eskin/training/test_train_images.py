@@ -12,14 +12,15 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.requests import TrainRequest
 from eskin.training import image_models
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import _scale, equalised, quantised
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.training.integers import quantise
 from eskin.training.judge import folds_of, judge
+from eskin.training.made_up import random_images
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
+from eskin.training.wanted import Wanted
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
 
@@ -41,14 +42,17 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    request, kept = TrainRequest(data="", out=out, folds=2), Memo(out.parent / "kept")
+    request, kept = Wanted(out=out, folds=2), Memo(out.parent / "kept")
     record = train_image_model(scene, config(), request, recipe=QUICK, workers=1, keep=kept)
     return out, scene, record
 
 
 def test_batch_norm_is_folded_into_what_hardware_computes():
+    """Kernels at the border, pools over odd sizes, two layers behind the maps."""
     torch.manual_seed(0)
-    network = ImageNetwork(config(), 0.0)
+    layers = ("conv 5 3", "pool", "conv 3 4", "conv 1 2", "pool", "dense 5", "dense 3")
+    config = AcceleratorConfig.of_image(7, 10, layers, SHAPES)
+    network = ImageNetwork(config, 0.0)
     for norm in network.norms.values():
         for values, least, most in (
             (norm.running_mean, -1, 1),
@@ -58,8 +62,8 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
         ):
             torch.nn.init.uniform_(values, least, most)
     network.eval()
-    images = images_of(shapes(4, 2))
-    folded = float_images(FloatModel(config(), network.folded()), images).logits
+    images = random_images(config, 12, 2)
+    folded = float_images(FloatModel(config, network.folded()), images).logits
     direct = network(torch.from_numpy(images.astype(np.float32))[:, None] / 256).detach().numpy()
     assert np.allclose(folded, direct, atol=1e-4) and np.ptp(folded) > 0.1
 
@@ -106,14 +110,14 @@ def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     integer = quantise(out)
     assert integer.config.weight_bits == 8 and load_training(out)["ranges"].keys() == {"0", "2", "4"}
     result = evaluate(out, scene)
-    assert result["recordings"] == 60 and result["passed"] and len(result["stages"]) == 3
-    assert result["logit_error"]["stage"] in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
-    assert result["logit_error"]["max"] > 0
+    assert result.recordings == 60 and result.passed and len(result.stages) == 3
+    assert result.logit_error.stage in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
+    assert result.logit_error.max > 0
     written = exchanges(monkeypatch)
     coarse = quantise(out, scene, weight_bits=4)
     assert written == ["model"]
     assert coarse.config.weight_bits == 4
-    assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
+    assert evaluate(out, scene).logit_error.mean > 2 * result.logit_error.mean
 
 
 def test_images_are_judged_by_networks_that_have_not_seen_them(monkeypatch, tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.device import Design, Device
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import PRESETS
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.nets import Nets, costs
@@ -130,22 +131,25 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         other = replace(random_integer_model(case.config, 6), config=case.config)
         assert not asic_job.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
-    chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}
-    options = {"level": "netlist", "target": "asic", "chip": chip, "cocotb": ()}
+    how = Simulation(
+        level="netlist", target="asic", pdk="ihp-sg13g2", liberty=list(paths), rom=rom, cocotb=()
+    )
     for pace in ("full", "declared"):
-        played = cosimulate(model, case.recordings, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options)
-        assert played["passed"] and played["bulk_recordings"] == 2
-        assert all(not row["mismatches"] for row in played["stages"].values())
+        at_pace = replace(how, pace=pace, clock_hz=1e6)
+        played = cosimulate(model, case.recordings, at_pace, work=tmp_path / pace)
+        assert played.passed and played.bulk_recordings == 2
+        assert all(not row.mismatches for row in played.stages.values())
         assert {"sum", "feature", "state", "logit", "decision", "status"} <= {
-            n for n, row in played["stages"].items() if row["compared_values"]
+            n for n, row in played.stages.items() if row.compared_values
         }
-        assert played["without_probes"]["bit_exact"]
-        assert played["cycles"]["step_max"] == schedule(case.config).step_cycles
+        assert played.without_probes.bit_exact
+        assert played.cycles.step_max == schedule(case.config).step_cycles
     if cells == "tiny":  # registers begin at random there, too, before the reset
-        icarus = cosimulate(model, case.recordings, work=tmp_path / "icarus", simulator="icarus", **options)
-        assert icarus["passed"] and icarus["cocotb_recordings"] == 2
+        on_icarus = replace(how, simulator="icarus")
+        icarus = cosimulate(model, case.recordings, on_icarus, work=tmp_path / "icarus")
+        assert icarus.passed and icarus.cocotb_recordings == 2
     monkeypatch.setattr(
         asic_job, "shorten_names", lambda text: text.replace("sg13g2_nand2_1 ", "sg13g2_nor2_1 ", 1)
     )
-    wrong = cosimulate(model, case.recordings, work=tmp_path / "wrong", waves=False, **options)
-    assert wrong["mismatches"] and not wrong["passed"]
+    wrong = cosimulate(model, case.recordings, replace(how, waves=False), work=tmp_path / "wrong")
+    assert wrong.mismatches and not wrong.passed

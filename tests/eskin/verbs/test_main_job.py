@@ -77,7 +77,7 @@ class Chain:
     def evaluate(self, folder, loaded):
         self.call("evaluate")
         assert IntegerModel.load(folder).config.features.feature_shift
-        return self.evaluation
+        return self.evaluation.model_copy(update={"source": loaded.source})
 
     def yardsticks(self, *_):
         self.call("yardsticks")
@@ -100,19 +100,19 @@ class Chain:
         with np.load(vectors) as archive:
             self.played[name] = archive["numbers"].tolist(), int(archive["offsets"][-1])
 
-    def cosim(self, design, vectors, *, cocotb, work, builds, progress, pace="full"):
-        name, changes = ("cosim", self.full) if pace == "full" else ("declared", self.declared)
+    def cosim(self, design, vectors, how, *, work, progress):
+        name, changes = ("cosim", self.full) if how.pace == "full" else ("declared", self.declared)
         self.play(name, design, vectors)
-        outcome = cosimulation(len(self.played[name][0]), pace=pace, **changes)
+        outcome = cosimulation(len(self.played[name][0]), pace=how.pace, **changes)
         work.mkdir(exist_ok=True, parents=True)
-        if outcome["mismatches"]:
-            outcome["waves"] = str(work / "waves_recording3")
-            Path(outcome["waves"]).mkdir()
+        if outcome.mismatches:
+            outcome.waves = str(work / "waves_recording3")
+            Path(outcome.waves).mkdir()
         return outcome
 
-    def lowest_clock(self, design, vectors, *, cocotb, work, builds, progress, cycles):
+    def lowest_clock(self, design, vectors, how, *, work, progress, cycles):
         self.play("lowest", design, vectors)
-        assert cycles["step_max"] == 97
+        assert cycles.step_max == 97
         if self.no_clock:
             raise main_job.flow.NoClock("no clock")
         return cosimulation(len(self.played["lowest"][0]), pace="declared", clock_hz=711e3)
@@ -144,7 +144,7 @@ def cut_at(chain, out: Path, stage: str, stop: type[BaseException] = KeyboardInt
 
 def test_everything_is_there_and_nothing_else(chain, tmp_path):
     out = tmp_path / "run"
-    assert not all(row["met"] for row in cosimulation(1)["budgets"]), "a reference row never decides"
+    assert not all(row.met for row in cosimulation(1).budgets), "a reference row never decides"
     record = run(out)
     assert chain.calls == ORDER
     files = "run.json evaluate.json cosim.json cosim_declared.json cosim_lowest.json model rtl report.html"
@@ -248,7 +248,7 @@ def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
 def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
     cases = {
         "float network agree": {"evaluation": evaluation(12, agreement=0.979)},
-        "float": {"evaluation": evaluation(12) | {"integer_accuracy": 0.9}},
+        "float": {"evaluation": evaluation(12, integer=0.9)},
         "hardware equals model at full pace": {"full": {"mismatches": 3}},
         "hardware equals model at the sensor's pace": {"declared": {"mismatches": 1}},
         "latency budgets at full pace": {"full": {"missed": "step"}},
@@ -309,8 +309,8 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
         assert any("held back" in sentence for sentence in record["warnings"]) == bool(seen)
         assert record["passed"]
     # one rule as `evaluate` has it, and a figure below what was quoted
-    worse = evaluation(12, agreement=0.979) | {"integer_accuracy": 0.7}
-    judge.side_effect = lambda folder, loaded: chain.evaluation | (worse if loaded.source == "held" else {})
+    worse = evaluation(12, agreement=0.979, integer=0.7)
+    judge.side_effect = lambda folder, loaded: worse if loaded.source == "held" else chain.evaluation
     record = run(tmp_path / "worse", test="held")
     assert [check["name"] for check in record["checks"] if not check["held"]] == [
         "integer and float network agree, recordings held back"

@@ -64,7 +64,7 @@ def test_equal_decisions(replay, model, recordings, tmp_path):
     assert (status, errors) == (0, "") and "equal" in out
     result = json.loads((tmp_path / "replay.json").read_text())
     assert result["bit_exact"] and result["passed"] and result["recordings"] == 5
-    assert result["frames"] == recordings.frames == device.taken
+    assert result["frames"] == recordings.frames == device.accepted
     assert result["decisions"] == device.decisions > 10
     assert not any(result[key] for key in "mismatches repeated replayed unanswered damaged".split())
     loads = boot_writes(model.config, model.arrays)
@@ -110,7 +110,7 @@ def test_lost_packets_change_nothing(replay, model, recordings, tmp_path):
             status, _, _ = replay(device.port, "--json", str(tmp_path / "replay.json"))
         result = json.loads((tmp_path / "replay.json").read_text())
         assert status == 0 and result["bit_exact"] and result[key] > 0
-        assert key == "replayed" or result["frames"] <= device.taken
+        assert key == "replayed" or result["frames"] <= device.accepted
     assert result["replayed"] == 1
 
 
@@ -193,7 +193,7 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
             result = board_job.replay(request(device.port), made, images, 2000000, lambda *_: None)
         assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches
         counts = [result[key] for key in ("recordings", "frames", "decisions")]
-        assert counts == [6, 30, 12] and device.taken == 30
+        assert counts == [6, 30, 12] and device.accepted == 30
     assert all(sentence.startswith("recording 4") for sentence in result["mismatch_list"])
 
 

@@ -1,34 +1,50 @@
 """Converters that cannot keep up with their frames are refused, with the highest rate that works."""
 
 from eskin.golden.core import PRESETS
-from tests.support.small_designs import behind
+from tests.support.small_designs import with_converter
 from tests.support.table import each_row, refused
 
-BIG = behind("matrix", taxels=160, rows=16, columns=10)
-MPR = behind("mpr121", taxels=117, rows=13, columns=9)
+BIG = with_converter("matrix", taxels=160, rows=16, columns=10)
+MPR = with_converter("mpr121", taxels=117, rows=13, columns=9)
 DDC_FAST = dict(clock_hz=20e6)
 REFUSED = [
     (
-        behind("mcp3208x2", data_lines=1),
+        with_converter("mcp3208x2", data_lines=1),
         r"16 transfers of 2 chips in series at 1 MHz take 324 us, and of 333 us a frame at 3000 Hz 300 may be used.*at most 2777 Hz",
         2777.0,
     ),
-    (behind("ads7953", sample_rate_hz=6000.0), "18 transfers at 2 MHz take 156 us.*at most 5769 Hz", 5769.0),
-    (behind("spi", channel_bit=0), "field converter.channel_bit: is 0 with the code's first bit at 11", None),
-    (behind("mcp3208x2", taxels=40), "two chips have 16 channels", None),
     (
-        behind("ddc232", version="C", **DDC_FAST),
+        with_converter("ads7953", sample_rate_hz=6000.0),
+        "18 transfers at 2 MHz take 156 us.*at most 5769 Hz",
+        5769.0,
+    ),
+    (
+        with_converter("spi", channel_bit=0),
+        "field converter.channel_bit: is 0 with the code's first bit at 11",
+        None,
+    ),
+    (with_converter("mcp3208x2", taxels=40), "two chips have 16 channels", None),
+    (
+        with_converter("ddc232", version="C", **DDC_FAST),
         r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*at most 2235 Hz",
         2235.0,
     ),
-    (behind("ddc232", first=1, **DDC_FAST), "32 words of 20 bits at 2 MHz.*at most 2131 Hz", 2131.0),
+    (with_converter("ddc232", first=1, **DDC_FAST), "32 words of 20 bits at 2 MHz.*at most 2131 Hz", 2131.0),
     (
-        behind("ddc232", version="C", clock_hz=12e6, sample_rate_hz=2500.0),
+        with_converter("ddc232", version="C", clock_hz=12e6, sample_rate_hz=2500.0),
         "a rate of at most 1582 Hz works as it is",
         1582.0,
     ),
-    (behind("ddc232", scan_every=2), "scan_every: is 2; a DDC232 integrates from frame to frame", None),
-    (behind("ddc232", sample_rate_hz=7000.0), "integrates for 166.5 us at least: give at most 6006", None),
+    (
+        with_converter("ddc232", scan_every=2),
+        "scan_every: is 2; a DDC232 integrates from frame to frame",
+        None,
+    ),
+    (
+        with_converter("ddc232", sample_rate_hz=7000.0),
+        "integrates for 166.5 us at least: give at most 6006",
+        None,
+    ),
     (
         BIG | dict(sample_rate_hz=300.0),
         r"160 cells of 28.8 us, 20 of them to settle .settle_s., take 4600 us.*; a rate of at most 195 Hz works",
@@ -39,19 +55,19 @@ REFUSED = [
         "converter.chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there",
         None,
     ),
-    (BIG | behind("mpr121", sample_rate_hz=100.0), "both are odd, or set chips 2", None),
+    (BIG | with_converter("mpr121", sample_rate_hz=100.0), "both are odd, or set chips 2", None),
     (
         MPR | dict(sample_rate_hz=2000.0),
         r"12 electrodes over I2C at 375 kHz take 799 us.*at most 1126 Hz works as it is",
         1126.0,
     ),
 ]
-"""Fields, what is said, and the rate that then works."""
+"""Fields, the words of the refusal, and the rate that then works."""
 
 
-@each_row("fields, said, rate", REFUSED)
-def test_what_cannot_keep_up_is_refused(fields, said, rate):
-    with refused(said):
+@each_row("fields, words, rate", REFUSED)
+def test_what_cannot_keep_up_is_refused(fields, words, rate):
+    with refused(words):
         PRESETS["thesis"].replace(**fields)
     if rate:
         PRESETS["thesis"].replace(**fields | dict(sample_rate_hz=rate))

@@ -1,4 +1,4 @@
-"""golden/core/files.py and who writes through it: whole or not at all, readable as any new file is, and no
+"""golden/core/files.py and its users: files are written whole or not at all, readable as any new file is, and no
 archive larger than it looks."""
 
 import os
@@ -26,10 +26,11 @@ def umask():
     os.umask(before)
 
 
-def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask):
+def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask, monkeypatch):
+    monkeypatch.setattr("eskin.rtl.fpga.generate.verilog", lambda *design: "module")
     write_json(tmp_path / "deep" / "a.json", {})
-    with replacing_folder(tmp_path / "folder") as fresh:
-        (fresh / "file").write_text("")
+    with replacing_folder(tmp_path / "folder") as draft:
+        (draft / "file").write_text("")
     data = scene(3, seed=1)
     model = random_integer_model(SMALL, 1)
     write_vectors(tmp_path / "v.npz", pipeline.run(model, data), data)
@@ -43,8 +44,8 @@ def test_a_folder_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails
     """The disk is full, or somebody stops the program, at the first or the second rename."""
 
     def write(content: str) -> None:
-        with replacing_folder(tmp_path / "design") as fresh:
-            (fresh / "file").write_text(content)
+        with replacing_folder(tmp_path / "design") as draft:
+            (draft / "file").write_text(content)
 
     write("old")
     before, real, calls = contents(tmp_path), os.rename, []
@@ -70,9 +71,9 @@ def test_two_writers_of_one_folder_both_end_and_one_of_them_is_whole(tmp_path, m
 
     def write(name: str) -> None:
         for _ in range(20):
-            with replacing_folder(tmp_path / "folder") as fresh:
+            with replacing_folder(tmp_path / "folder") as draft:
                 for file in ("a", "b"):
-                    (fresh / file).write_text(name)
+                    (draft / file).write_text(name)
 
     with ThreadPoolExecutor(4) as pool:
         for writer in [pool.submit(write, name) for name in "1234"]:

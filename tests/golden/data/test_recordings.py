@@ -1,4 +1,4 @@
-"""Archives and .lvm folders: what is read, what is refused with which sentence, and splits that keep groups
+"""Archives and .lvm folders: recordings read, sentences of refusals, and splits that keep groups
 apart."""
 
 from pathlib import Path

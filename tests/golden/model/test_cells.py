@@ -1,5 +1,5 @@
-"""golden/model/cells.py: the float cells against torch, the gradients of the fixed ones. Their integers are held by
-hardware and C, which were written from docs/specification.md too."""
+"""golden/model/cells.py: the gradients of the fixed cells, tables. Their integers are held by hardware and C, which were
+written from docs/specification.md too; the float cells by torch's own, in tests/eskin/exchange/test_import_network.py."""
 
 import numpy as np
 import pytest
@@ -8,37 +8,9 @@ import torch
 from eskin.golden.core import PRESETS, sigmoid_table, tanh_table
 from eskin.golden.model import Fixed, Float, network_formats, run_cell
 from eskin.training.formats import with_network
-from eskin.training.network import RecurrentClassifier
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import CELLS
 from tests.support.table import each_row
-
-
-# ---------------------------------------------------------------------- float cells
-def random_network(config, seed, **kwargs):
-    """A float network whose biases are not 0."""
-    network = RecurrentClassifier(config, generator=torch.Generator().manual_seed(seed), **kwargs).double()
-    assert all(bool((weight != 0).all()) for weight in network.weights.values())
-    return network
-
-
-@each_row(
-    "network, cell, order",
-    [(torch.nn.GRU, dict(reset="after"), "rzn"), (torch.nn.LSTM, dict(cell="lstm"), "ifgo")],
-)
-def test_float_cells_equal_torch(network, cell, order):
-    config = with_network(PRESETS["thesis"], **cell)
-    p = {name: weight.detach() for name, weight in random_network(config, 3).weights.items()}
-    theirs = network(config.inputs, config.network.hidden, batch_first=True).double()
-    rows = {"weight_ih": "W", "weight_hh": "U", "bias_ih": "b", "bias_hh": "bh"}
-    for name, row in rows.items():
-        zero = torch.zeros(config.network.hidden)  # an LSTM's second bias
-        parts = [p.get(f"{row}_{gate}", zero) for gate in order]
-        getattr(theirs, f"{name}_l0").data = torch.cat(parts).double()
-    x = torch.tensor(np.random.default_rng(4).normal(0, 1, (5, 20, config.inputs)))
-    hidden, logits = run_cell(Float(config), config, p, x)
-    torch.testing.assert_close(hidden, theirs(x)[0], rtol=0, atol=1e-12)
-    torch.testing.assert_close(logits, hidden @ p["V"].T + p["b_y"], rtol=0, atol=1e-12)
 
 
 def test_a_hard_sigmoid_is_clipped_in_float_too():

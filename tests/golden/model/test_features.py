@@ -2,23 +2,13 @@
 
 import numpy as np
 
-from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
+from eskin.golden.core import FEATURE_KINDS
 from eskin.golden.model.preprocess import companded
-from tests.support.front_end_cases import TRACKED
+from tests.support.front_end_cases import CASES
 from tests.support.table import each_row, refused
 
-BASE = dict(
-    taxels=4,
-    sample_bits=9,
-    hidden=4,
-    sample_rate_hz=1000.0,
-    **TRACKED,
-    class_names=("a", "b"),
-    integral_knee=3,
-    integral_frac=5,
-)
-FREE = AcceleratorConfig.of(
-    **BASE, window_mode="free", pretrigger_frames=0, hop=12, window=24, steps=4, rearm_frames=9
+FREE = CASES["one block"].replace(
+    rest_frames=8, sample_bits=9, integral_knee=3, integral_frac=5, hop=12, window=24, steps=4
 )
 
 

@@ -1,4 +1,6 @@
-"""golden/model/model.py: parameter counts, model folders, and what is refused with which words."""
+"""golden/model/model.py: parameter counts, model folders, and words of refusals."""
+
+import os
 
 import numpy as np
 import torch
@@ -8,18 +10,11 @@ from eskin.golden.model import FloatModel, IntegerModel, load_config, load_train
 from eskin.training.formats import normaliser_constants, with_network
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
-from tests.support.random_models import random_integer_model
+from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL
 
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
-def float_model(config=SMALL, seed=0):
-    network = RecurrentClassifier(config, generator=generator(seed))
-    return FloatModel(config, network.arrays() | {"mu": np.array(1.5), "sigma": np.array(20.0)})
+FLOAT = random_float_model(SMALL, 1)
 
 
 # ---------------------------------------------------------------------- counts
@@ -34,17 +29,17 @@ def float_model(config=SMALL, seed=0):
 )
 def test_parameter_counts_of_the_thesis(network, count):
     config = with_network(PRESETS["thesis"], **network)
-    module = RecurrentClassifier(config, generator=generator())
+    module = RecurrentClassifier(config, generator=torch.Generator())
     assert sum(weight.numel() for weight in module.parameters()) == count
     assert config.parameter_count == count
-    arrays = float_model(config).arrays
+    arrays = random_float_model(config, 1).arrays
     assert sum(array.size for name, array in arrays.items() if name not in ("mu", "sigma")) == count
 
 
 # ---------------------------------------------------------------------- folders
 def test_both_networks_and_the_record_come_back_from_their_folder(tmp_path):
     folder, model = tmp_path / "model", random_integer_model(SMALL, 3)
-    float_model().save(folder, {"seed": 4, "list": [1.5]})
+    FLOAT.save(folder, {"seed": 4, "list": [1.5]})
     before = contents(folder)
     model.save(folder)
     after = contents(folder)
@@ -57,7 +52,7 @@ def test_both_networks_and_the_record_come_back_from_their_folder(tmp_path):
         np.testing.assert_array_equal(back.arrays[name], array)
     with np.load(folder / "weights.npz", allow_pickle=False) as archive:
         assert all(archive[name].dtype.kind == "i" for name in archive.files)
-    float_model().save(folder, {})  # training anew drops the integers of the old network
+    FLOAT.save(folder, {})  # training anew drops the integers of the old network
     assert not (folder / "weights.npz").exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]  # nothing temporary is left
 
@@ -66,13 +61,13 @@ def test_both_networks_and_the_record_come_back_from_their_folder(tmp_path):
 def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
     folder = tmp_path / "precious"
     if content == "model and notes":
-        float_model().save(folder, {})
+        FLOAT.save(folder, {})
     else:
         folder.mkdir()
     (folder / "notes.txt").write_text("months of work")
     before = contents(tmp_path)
     with refused(r"precious.*notes\.txt.*name a new folder"):
-        float_model().save(folder, {})
+        FLOAT.save(folder, {})
     assert contents(tmp_path) == before
 
 
@@ -109,6 +104,16 @@ def test_damaged_weights_are_named(tmp_path, change, words):
     with refused(words):
         IntegerModel.load(tmp_path / "model")
     assert contents(tmp_path) == before
+
+
+@each_row("name", ["config.json", "float.npz", "training.json", "weights.npz"])
+def test_a_pipe_in_a_model_folder_is_refused(tmp_path, name):
+    FLOAT.save(tmp_path / "m", {})
+    random_integer_model(SMALL, 3).save(tmp_path / "m")
+    (tmp_path / "m" / name).unlink()
+    os.mkfifo(tmp_path / "m" / name)
+    with refused(f"{name}: is not a regular file|has no {name}"):
+        IntegerModel.load(tmp_path / "m"), FloatModel.load(tmp_path / "m"), load_training(tmp_path / "m")
 
 
 # ---------------------------------------------------------------------- constants and random models
@@ -156,7 +161,7 @@ def test_with_network_moves_the_state_format_and_the_windows():
 
 def test_masked_taxels_do_not_reach_the_float_network():
     config = SMALL.replace(masked_taxels=(1,))
-    model = float_model(config)
+    model = random_float_model(config, 1)
     means = np.random.default_rng(2).normal(0, 50, (3, 6, 4))
     broken = means.copy()
     broken[..., 1] = 1e6

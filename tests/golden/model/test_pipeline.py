@@ -34,6 +34,6 @@ def test_step_times_count_from_the_onset():
 
 
 def test_shares_of_decisions_count_none_as_wrong_and_as_agreement():
-    one, other = Decisions(), Decisions()
-    one.decision, other.decision = np.array([0, 1, -1, 2]), np.array([0, 2, -1, 2])
-    assert one.agreement(other) == 0.75 and one.accuracy(np.array([0, 1, 1, 1])) == 0.5
+    first, other = Decisions(), Decisions()
+    first.decision, other.decision = np.array([0, 1, -1, 2]), np.array([0, 2, -1, 2])
+    assert first.agreement(other) == 0.75 and first.accuracy(np.array([0, 1, 1, 1])) == 0.5

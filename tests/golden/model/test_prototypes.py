@@ -46,8 +46,8 @@ def test_the_oldest_taught_touch_goes_and_a_class_is_forgotten_alone():
     for number, codes in enumerate(touches):
         model = teach(model, codes, 1)
         assert taught_in_use(model).tolist() == [0, min(number + 1, 3), 0]
-        kept = {place.tobytes() for place in model.arrays["taught"][1, : min(number + 1, 3)]}
-        assert kept == {place.tobytes() for place in touches[max(0, number - 2) : number + 1]}
+        stored = {place.tobytes() for place in model.arrays["taught"][1, : min(number + 1, 3)]}
+        assert stored == {place.tobytes() for place in touches[max(0, number - 2) : number + 1]}
     model = teach(model, touches[0], 2)
     assert taught_in_use(forget(model, 1)).tolist() == [0, 0, 1]
     assert taught_in_use(forget(model)).tolist() == [0, 0, 0]

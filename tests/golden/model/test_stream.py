@@ -4,10 +4,10 @@ which the hardware gives it."""
 import numpy as np
 from hypothesis import given
 
-from eskin.golden.model import FloatModel, Stream, completing_frames, network_shapes, run
+from eskin.golden.model import Stream, completing_frames, run
 from eskin.training.made_up import random_recordings
 from tests.support.front_end_cases import CASES
-from tests.support.random_models import random_integer_model
+from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.strategies import designs, examples
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -77,10 +77,8 @@ def test_random_designs():
 
 
 def test_a_float_model_streams_its_own_decisions():
-    """Local classes and the global one at every recording are those of the run over whole recordings."""
-    rng = np.random.default_rng(1)
-    arrays = {name: rng.normal(0, 0.7, shape) for name, shape in network_shapes(SMALL, real=True).items()}
-    model = FloatModel(SMALL, arrays | {"mu": np.array(3.0), "sigma": np.array(40.0)})
+    """Local classes and the global one at every recording equal the run over whole recordings."""
+    model, rng = random_float_model(SMALL, 1), np.random.default_rng(1)
     recordings = scene(16)
     trace, stream = run(model, recordings), Stream(model)
     for index in range(len(recordings)):
@@ -95,10 +93,10 @@ def test_a_float_model_streams_its_own_decisions():
 def test_what_is_kept_does_not_grow_and_is_enough(name):
     config = CASES[name].replace(feature_kinds=("activity",), activity_rule="change")
     model = random_integer_model(config, 3)
-    recordings, stream = random_recordings(model.config, (10_000,), 9), Stream(model)
+    recordings, stream = random_recordings(model.config, (4000,), 9), Stream(model)
     size = stream._kept.shape
     assert check_same(stream, run(model, recordings), recordings, 5) > 20
-    assert stream._kept.shape == size and stream.frame == 10_000 and stream.touches > 4
+    assert stream._kept.shape == size and stream.frame == 4000 and stream.touches > 4
 
 
 def test_the_state_of_the_detector_is_told():

@@ -21,20 +21,25 @@ CELLS = [
 ]
 
 
-def check(model, recordings) -> int:
-    numpy_, torch_ = run(model, recordings).streams, run(on_torch(model), recordings).streams
-    assert list(numpy_) == list(torch_)
-    for stage, arrays in numpy_.items():
-        for array, other in zip(arrays, torch_[stage], strict=True):
-            assert array.dtype == other.dtype and np.array_equal(array, other), stage
-    return len(numpy_["logit"][0])
+def check(first, other) -> int:
+    """Equal traces; the number of their logits."""
+    assert list(first.streams) == list(other.streams)
+    for stage, arrays in first.streams.items():
+        for array, its in zip(arrays, other.streams[stage], strict=True):
+            assert array.dtype == its.dtype and np.array_equal(array, its), stage
+    return len(first.streams["logit"][0])
+
+
+def recorded(config, lengths, seed) -> int:
+    model = random_integer_model(config, seed)
+    recordings = random_recordings(model.config, lengths, seed)
+    return check(run(model, recordings), run(on_torch(model), recordings))
 
 
 @each_row("network", CELLS)
 def test_random_designs(network):
     for seed in range(4):
-        model = random_integer_model(with_network(SMALL, **network), seed)
-        assert check(model, random_recordings(model.config, (400, 700), seed)) > 20
+        assert recorded(with_network(SMALL, **network), (400, 700), seed) > 20
 
 
 def test_images_too():
@@ -42,15 +47,10 @@ def test_images_too():
     config = AcceleratorConfig.of_image(5, 7, layers, ("cone", "cube", "ball", "ring"))
     model = random_image_model(config, seed=3)
     images = random_images(model.config, 12, 1)
-    numpy_, torch_ = run_images(model, images).streams, run_images_on_torch(model, images).streams
-    assert list(numpy_) == list(torch_)
-    for stage, arrays in numpy_.items():
-        assert all(map(np.array_equal, arrays, torch_[stage])), stage
+    assert check(run_images(model, images), run_images_on_torch(model, images)) > 20
 
 
 def test_a_fault_in_one_of_them_is_seen(monkeypatch):
-    model = random_integer_model(SMALL, 3)
-    recordings = random_recordings(model.config, (400,), 3)
     monkeypatch.setattr(Int64, "state", lambda self, products: Int64.value(self, products))
     with pytest.raises(AssertionError, match="state"):
-        check(model, recordings)
+        recorded(SMALL, (400,), 3)

@@ -2,32 +2,23 @@
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import completing_frames, run
 from eskin.training.times import decision_times
 from tests.support.random_models import random_integer_model
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
-    hop=4,
-    window=9,
-    touch_frames=60,
-    steps=6,
-    pretrigger_frames=20,
-    rearm_frames=40,
+CONFIG = SMALL.replace(
+    hop=4, window=9, touch_frames=60, steps=6, pretrigger_frames=20, rearm_frames=40, decision="last"
 )
 
 
-def one_touch(onset: int, frames: int, config: AcceleratorConfig = CONFIG) -> Recordings:
+def one_touch(onset: int, frames: int) -> Recordings:
     """At rest but for one sample in frame ``onset``."""
-    samples = np.full((frames, config.sensor.taxels), 26400, dtype=np.int32)
+    samples = np.full((frames, 4), 26400, dtype=np.int32)
     samples[onset - 1, 1] = 30000
-    return Recordings.of(samples, sample_rate_hz=3000.0, class_names=config.network.class_names)
+    return Recordings.of(samples, sample_rate_hz=3000.0, class_names=CONFIG.network.class_names)
 
 
 # start frame 30: windows end in 38, 42, 46, 50, 54, 58; the first three were over before the onset was seen

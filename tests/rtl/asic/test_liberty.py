@@ -1,4 +1,4 @@
-"""Liberty files: what is read of them, corners by what they say, and one sentence for what is none."""
+"""Liberty files: the cells read, corners by their conditions, and one sentence for a file of another kind."""
 
 import gzip
 import re

@@ -1,4 +1,4 @@
-"""The one-port memory: what it gives against a list, and its iCE40 block on the vendor's cell model against
+"""A memory with one port: its answers against a list, and its iCE40 block on the vendor's cell model against
 its behaviour."""
 
 import random
@@ -29,16 +29,16 @@ def accesses() -> list[tuple[int, int, int, int]]:
 
 def expected() -> list[int | None]:
     """The word after each access: of the last read; None where nothing may be relied on."""
-    kept: dict[int, list[int | None]] = {address: [None, None] for address in range(WORDS)}
+    words: dict[int, list[int | None]] = {address: [None, None] for address in range(WORDS)}
     word, found = None, []
     for address, enable, write, data in accesses():
         if enable and write:
             for byte in range(2):
                 if write >> byte & 1:
-                    kept[address][byte] = data >> 8 * byte & 0xFF
+                    words[address][byte] = data >> 8 * byte & 0xFF
             word = None
         elif enable:
-            low, high = kept[address]
+            low, high = words[address]
             word = None if low is None or high is None else low | high << 8
         found.append(word)
     assert sum(each is not None for each in found) > ACCESSES // 3

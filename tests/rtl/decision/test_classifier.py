@@ -22,8 +22,8 @@ def play(config, touches, *, stall=0.0, seed=0):
 
     async def watch(ctx):
         count = 0
-        async for _, _, taken, closed in ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended):
-            count += taken
+        async for _, _, accepted, closed in ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended):
+            count += accepted
             if closed:
                 ended.append(count)
 

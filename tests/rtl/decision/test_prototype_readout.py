@@ -1,4 +1,4 @@
-"""Distances, ties and what is unknown; teaching, forgetting and refusals: the block against the golden
+"""Distances, ties and unknown touches; teaching, forgetting and refusals: the block against the golden
 functions."""
 
 import random
@@ -205,7 +205,7 @@ class Player:
             self.following = label
         elif allowed:
             self.model, self.following = teach(self.model, self.last, label), None
-        if self.rng.random() < 0.3:  # a new recording; what is being written is finished
+        if self.rng.random() < 0.3:  # a new recording; a touch being written is finished
             await self.pulse(ctx, clear=1, locked=0)
         ctx.set(self.dut.commands.locked, 0)
 

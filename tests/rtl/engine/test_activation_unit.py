@@ -47,7 +47,7 @@ def test_every_entry_one_cycle_later(changes):
 def test_a_wrong_entry_is_told_from_the_cycle_after_its_look_up_to_the_next():
     """Asked for or walked through."""
     config = PRESETS["thesis"].replace(table_entries=64, checksum=True)
-    wrong, rng, told = 37, random.Random(1), {"asked": 0, "walked": 0}
+    wrong, rng, counts = 37, random.Random(1), {"asked": 0, "walked": 0}
 
     class Changed(ActivationUnit):
         """A bit of one entry inverted."""
@@ -73,10 +73,10 @@ def test_a_wrong_entry_is_told_from_the_cycle_after_its_look_up_to_the_next():
             following = (following + walk) % 64
             assert ctx.get(dut.wrong) == (entry == wrong)
             if entry == wrong and (walk or enable):
-                told["walked" if walk else "asked"] += 1
+                counts["walked" if walk else "asked"] += 1
 
     simulate(dut, bench)
-    assert min(told.values()) > 5
+    assert min(counts.values()) > 5
 
 
 @each_row(

@@ -15,9 +15,16 @@ from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-@each_row("lanes, cell", [(1, "gru"), (4, "lstm")])
-def test_what_is_written_is_read_and_nothing_with_it(lanes, cell):
-    config = reference(cell, lanes=lanes, lane_type="dsp")
+@each_row(
+    "lanes, cell, platform",
+    [
+        (lanes, cell, platform)
+        for lanes, cell in ((1, "gru"), (4, "lstm"), (4, "linear"))
+        for platform in (None, "ice40")
+    ],
+)
+def test_what_is_written_is_read_and_nothing_with_it(lanes, cell, platform):
+    config = reference(cell, lanes=lanes, lane_type="dsp", steps=1)
     program = cell_program(config)
     place, rng = Layout(config, program), random.Random(lanes)
     dut = CoefficientMemory(config, program)
@@ -53,7 +60,7 @@ def test_what_is_written_is_read_and_nothing_with_it(lanes, cell):
         await ctx.tick()
         assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, "without enable the word stays"
 
-    simulate(dut, body)
+    simulate(dut, body, platform=platform)
 
 
 @each_row("lanes", [1, 4])

@@ -1,4 +1,4 @@
-"""Around the multiplier of element-wise operations, on its own: operands, what a sum starts from, narrowed
+"""Around the multiplier of element-wise operations alone: operands, the start of a sum, narrowed
 results, table index."""
 
 import random
@@ -80,16 +80,16 @@ def test_equal_to_the_formulas(changes):
             for name, value in given.items():
                 ctx.set(getattr(dut, name), value)
             floor = acc >> config.formats.gate_frac
-            code, kept = clamp(floor, config.formats.feature_format), clamp(floor, state)
+            code, clamped = clamp(floor, config.formats.feature_format), clamp(floor, state)
             assert ctx.get(dut.a) == (x if centred else (t if use_t else s) - (t if minus else 0))
             assert ctx.get(dut.load) == half + ((t if add else 0) << config.formats.gate_frac)
             assert ctx.get(dut.code) == code
-            assert ctx.get(dut.result) == (code << config.feature_align if feature else kept)
+            assert ctx.get(dut.result) == (code << config.feature_align if feature else clamped)
             before = ctx.get(dut.index)
             await ctx.tick()
             if config.state_index_shift > 0:
                 assert ctx.get(dut.index) == (
-                    narrow(kept, config.state_index_shift, config.index_format) if tick else before
+                    narrow(clamped, config.state_index_shift, config.index_format) if tick else before
                 )
 
     simulate(dut, bench)
@@ -108,7 +108,7 @@ def test_a_blend_of_states_stays_within_the_largest_of_tanh():
         logit_format=QFormat(4, 4),
         dense_bias_format=QFormat(3, 5),
     )
-    largest, one = int(tanh_table(config).max()), config.gate_one
+    largest, unit = int(tanh_table(config).max()), config.gate_one
     states = range(-largest, largest + 1)
-    for s, n, z in product(states, states, range(one + 1)):
+    for s, n, z in product(states, states, range(unit + 1)):
         assert abs(narrow((n << 4) + (s - n) * z, 4, config.formats.state_format)) <= largest

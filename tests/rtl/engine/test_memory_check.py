@@ -1,15 +1,19 @@
-"""The checksum: every bit of every constant bears on it, it costs no slot, it flags what is wrong and nothing
+"""The checksum: every bit of every constant bears on it, it costs no slot, it flags wrong constants and nothing
 else."""
+
+import random
 
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.program.memory_map import Fault, Memory, Register, load_writes, words_per_entry
+from eskin.rtl.engine.memory_check import MemoryCheck
+from eskin.rtl.program.memory_map import Fault, Memory, Register, load_writes, memory_images, words_per_entry
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import START, WIDTH, advance, fold, parity, reads, retreat
 from tests.rtl.top.test_accelerator import CONFIGS, play, recordings
 from tests.support.random_models import random_integer_model
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 from tests.support.unseen import unseen
 
@@ -38,6 +42,62 @@ def test_no_single_flip_leaves_the_signature_and_no_slot_or_word_is_added(cell, 
         assert unseen(code, constant_counts(config, code)) == [], (preset, lanes)
         if code.plan.shared:
             assert ("addend", code.plan.half_address) in {read for _, read in reads(code, 0)}
+
+
+@each_row("cell, lanes", [("gru", 1), ("gru", 4), ("linear", 4)])
+def test_every_kind_of_word_that_a_step_reads_bears_on_the_flag_and_no_other(cell, lanes):
+    """A step's slots with the words that it reads and noise where it reads none; then with one change."""
+    model = random_integer_model(
+        PRESETS["thesis"].replace(cell=cell, lanes=lanes, hidden=4, checksum=True), seed=3
+    )
+    code, images = Microcode(schedule(model.config)), memory_images(model.config, model.arrays)
+    images |= {"addend": images[Memory.ADDENDS], "gate": images[Memory.CONSTANTS]}
+    found = {  # words, by the slot in which they come
+        (code.judged - 1 - age, memory): images[memory][address] for age, (memory, address) in reads(code, 0)
+    }
+    words, apart = [*code.unrolled()], code.plan.shared and code.plan.program.gate_regions
+    gates = [  # slots in which a gate's word comes from a separate memory
+        slot
+        for slot in range(code.again + 1, code.judged + 1)
+        if apart and words[slot - 1]["gate"] < code.layout.constants
+    ]
+    dut, rng, bits = MemoryCheck(code), random.Random(lanes), model.config.weight_bits
+
+    async def body(ctx):
+        async def flags(*wrong, operand=0, blank=-1) -> list[int]:
+            """Slots with a flag. wrong: place of a word with a wrong bit; blank: slot in which a gate is added to."""
+            seen = []
+            for slot, word in enumerate(words):
+                come = {
+                    memory: found.get((slot, memory), rng.getrandbits(16))
+                    for memory in (*range(lanes), "addend", "gate")
+                }
+                if slot == (wrong or [-1])[0]:
+                    come[wrong[1]] ^= 1 << rng.randrange(bits)
+                weights = [come.pop(lane) % (1 << bits) << lane * bits for lane in range(lanes)]
+                zero = operand if slot == code.judged else rng.getrandbits(16)
+                added = slot == blank if slot in gates else rng.getrandbits(16)
+                controls = {name: word[name] for name, _ in dut.word.shape()}
+                put(
+                    ctx, dut, enable=0, word=controls, weights=sum(weights), operand=zero, blank=added, **come
+                )
+                await ctx.tick()
+                seen += [slot] * ctx.get(dut.fault)
+                ctx.set(dut.enable, 1)
+                await ctx.delay(0)
+                seen += [slot] * ctx.get(dut.fault)
+                await ctx.tick()
+            return seen
+
+        assert await flags() == []
+        places = {memory: slot for slot, memory in found if slot % 2}
+        for memory, slot in places.items():
+            assert await flags(slot, memory) == [code.judged], memory
+        assert await flags(operand=1 << 15) == [code.judged]
+        for slot in gates[:1] + gates[-1:]:
+            assert await flags(blank=slot) == [slot]
+
+    simulate(dut, body)
 
 
 def touch_data(config, frames: int = 110):

@@ -22,7 +22,7 @@ class Small:
 
 
 def expected(config, total: int) -> tuple[int, int, int, int]:
-    """(sigmoid's index, tanh's, value, logit); the total holds the rounding half of the one it is for."""
+    """(sigmoid's index, tanh's, value, logit); the total holds the rounding half of its narrowing."""
     return tuple(
         int(narrow(total - (1 << shift - 1), shift, fmt))
         for shift, fmt in (

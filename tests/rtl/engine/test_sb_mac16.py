@@ -12,8 +12,8 @@ OPERATIONS = 1500
 
 
 def operations(accumulates: bool, acc_bits: int) -> list[tuple[int, ...]]:
-    """Random (tick, a, b, swap, load, valid), often at the ends of the formats; the one thing the schedule
-    promises is kept."""
+    """Random (tick, a, b, swap, load, valid), often at the ends of the formats; the schedule's promise
+    is kept."""
     rng = random.Random(acc_bits)
 
     def number(bits: int) -> int:

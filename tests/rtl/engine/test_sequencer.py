@@ -23,7 +23,7 @@ def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
             init[0] = {**init[0], "turns": 1 - init[0]["turns"]}
             return m
 
-    def told(dut) -> set[int]:
+    def wrong_words(dut) -> set[int]:
         cycles = set()
 
         async def bench(ctx):
@@ -36,4 +36,6 @@ def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
         simulate(dut, bench)
         return cycles
 
-    assert told(Sequencer(code)) == set() and told(Changed(code)) == {1}, "the first word comes in cycle 1"
+    assert wrong_words(Sequencer(code)) == set() and wrong_words(Changed(code)) == {1}, (
+        "the first word comes in cycle 1"
+    )

@@ -21,9 +21,9 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
             m = Module()
             attributes = [{}, {}, {}, {}, {"ram_style": "block"}, {"ram_style": "huge"}]
             shapes = [(24, 16), (9, 300), (16, 5), (16, 4), (16, 4), (16, 600)]
-            for number, ((width, depth), asked) in enumerate(zip(shapes, attributes, strict=True)):
+            for number, ((width, depth), attribute) in enumerate(zip(shapes, attributes, strict=True)):
                 m.submodules[f"memory_{number}"] = memory = Memory(
-                    shape=width, depth=depth, init=[], attrs=asked
+                    shape=width, depth=depth, init=[], attrs=attribute
                 )
                 memory.read_port()
                 memory.write_port()

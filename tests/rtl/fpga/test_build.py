@@ -22,7 +22,7 @@ from eskin.rtl.fpga.wiring import Wiring
 from eskin.verbs import build_job as job
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG
-from tests.support.small_designs import SMALL, behind
+from tests.support.small_designs import SMALL, with_converter
 from tests.support.table import each_row, refused
 
 pytestmark = pytest.mark.timeout(1800)  # the tools compile themselves at their first use on a machine
@@ -101,13 +101,13 @@ def call(call, folder, monkeypatch) -> Callable[..., tuple[int, str, str]]:
 
 @pytest.mark.parametrize("tiny", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, folder, monkeypatch, tiny):
-    """One test, because all of it stands on one netlist; that of the accelerator takes half a minute."""
+    """One test, because all of it stands on one netlist; the accelerator's takes half a minute."""
     if tiny:
         monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: PoweredOn(Tiny()))
     out = f"small{tiny}"
-    status, said, err = call("--target", "icebreaker", "--lanes", 1, "--no-link", "--out", out)
-    told = ("synthesis: ", "placements: ", "eskin: first use of ")  # where it takes long
-    assert status == 0 and all(line.startswith(told) for line in err.splitlines()), err
+    status, out_text, err = call("--target", "icebreaker", "--lanes", 1, "--no-link", "--out", out)
+    progress = ("synthesis: ", "placements: ", "eskin: first use of ")  # where it takes long
+    assert status == 0 and all(line.startswith(progress) for line in err.splitlines()), err
     result = json.loads((folder / out / "build.json").read_text())
     assert {*"target lut ff bram fmax_hz bitstream".split()} <= result.keys()
     assert [result[name] for name in ("device", "seed", "lanes")] == ["iCE40UP5K", 1, 1]
@@ -136,7 +136,7 @@ def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, f
     blocks = "cell classifier" + " onset windows normaliser control" * (not tiny)
     assert {*blocks.split()} <= every.keys()
     words = (f"{result['fmax_hz'] / 1e6:.1f} MHz", result["critical_path"], "(harness)", "budget: decision")
-    assert all(word in said for word in words)
+    assert all(word in out_text for word in words)
     _misses_its_clock(call, folder)
     _does_not_fit(result["dsp"])
 
@@ -160,14 +160,17 @@ def _misses_its_clock(call, folder) -> None:
 
 
 def _does_not_fit(multipliers: int) -> None:
-    """The same netlist on a part without multipliers: status 1, what is short by how much, and what helps."""
+    """The same netlist on a part without multipliers: status 1, the shortfall, and a remedy."""
     model = random_integer_model(CONFIG, seed=2)
     config = model.config.with_lanes(1, job.suited_lane_type(model.config, target("icebreaker")))
     with pytest.raises(job.BuildError) as refused:
         job.build(job.BuildRequest(config=config, arrays=model.arrays, target=NO_MULTIPLIERS, link=False))
-    said = str(refused.value)
-    assert said.startswith("without the link, does not fit the iCE40HX1K of small: it needs ")
-    assert f"{multipliers} multipliers of 0 ({multipliers} too many)" in said and "has a larger part" in said
+    sentence = str(refused.value)
+    assert sentence.startswith("without the link, does not fit the iCE40HX1K of small: it needs ")
+    assert (
+        f"{multipliers} multipliers of 0 ({multipliers} too many)" in sentence
+        and "has a larger part" in sentence
+    )
 
 
 BLOCKS_SHORT = [
@@ -202,10 +205,10 @@ FEWER = [  # shortage by lanes, asked, lanes tried
 ]
 
 
-@each_row("short, asked, tried", FEWER)
-def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried, monkeypatch):
+@each_row("short, requested, tried", FEWER)
+def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, requested, tried, monkeypatch):
     made: list[int] = []
-    request = asked_for(CONFIG.with_lanes(tried[0], "plain"), lanes_asked=asked)
+    request = asked_for(CONFIG.with_lanes(tried[0], "plain"), lanes_asked=requested)
 
     def place(*_: object):
         if made[-1] in short:
@@ -217,7 +220,7 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried
     if tried[-1] in short:
         with pytest.raises(job.BuildError, match="too many") as refused:
             job.build(request)
-        assert ("--lanes" in str(refused.value)) == asked
+        assert ("--lanes" in str(refused.value)) == requested
     else:
         result = job.build(request)[0]
         assert result["lanes"] == tried[-1] and result["lanes_chosen_by"] == "fit"
@@ -235,8 +238,10 @@ SHORT_PATHS = [  # paths that are too short by seed (0: no route), seeds asked, 
 ]
 
 
-@each_row("errors, seeds, taken", SHORT_PATHS)
-def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(errors, seeds, taken, monkeypatch):
+@each_row("errors, seeds, chosen", SHORT_PATHS)
+def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(
+    errors, seeds, chosen, monkeypatch
+):
     def place(netlist, key, target, pins, border, seed, cache):
         if errors.get(seed) == 0:
             raise job.NoRoute
@@ -247,14 +252,14 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(error
     taken_by = lambda *given: {"taken": [placement.seed for placement in given[4]]}
     stand_ins(monkeypatch, place, result=taken_by)
     request = asked_for(CONFIG, seeds=seeds)
-    if not taken:
+    if not chosen:
         with pytest.raises(
             job.BuildError, match=r"no seed from 1 to 10 .*\(seed 1: 1 paths .*--seeds 20 tries"
         ):
             job.build(request)
         return
     result, bitstream, _ = job.build(request)
-    assert result["taken"] == taken and bitstream == taken[0]
+    assert result["taken"] == chosen and bitstream == chosen[0]
     assert {seed: why[0] for seed, why in result["not_taken"].items()} == {
         str(seed): str(count or "n") for seed, count in errors.items()
     }
@@ -322,16 +327,19 @@ def test_a_boards_pins_are_told_apart(name):
 
 
 def test_a_converter_is_on_the_first_pins_and_too_many_are_refused():
-    board, fields = target("icebreaker"), behind("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=3e6)
-    one = Wiring(config=SMALL.replace(stimulator="decisions", **fields), target=board, sensing=True)
-    pins, ports = one.sites(), ("cs_n", "mosi", "miso", "sclk")
+    board, fields = (
+        target("icebreaker"),
+        with_converter("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=3e6),
+    )
+    wiring = Wiring(config=SMALL.replace(stimulator="decisions", **fields), target=board, sensing=True)
+    pins, ports = wiring.sites(), ("cs_n", "mosi", "miso", "sclk")
     assert [pins[f"pins__{port}"] for port in ports] == [*board.pins[:4]]
     assert len(set(pins.values())) == len(pins)
     row = {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"}
-    assert row in one.table()
-    crowded = one.config.replace(**behind("ad7476", taxels=16))
+    assert row in wiring.table()
+    crowded = wiring.config.replace(**with_converter("ad7476", taxels=16))
     with refused("has 16 free pins, and 24 are needed; use another board or converter"):
-        replace(one, config=crowded).sites()
+        replace(wiring, config=crowded).sites()
 
 
 class Program(wiring.Component):
@@ -375,5 +383,5 @@ def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypat
     sim.add_testbench(bench)
     sim.run()
     counts = counts[::2]
-    held = counts.count(0)
-    assert blind <= held <= 2 * blind + 1 and counts[held:] == list(range(1, len(counts) - held + 1))
+    zeros = counts.count(0)
+    assert blind <= zeros <= 2 * blind + 1 and counts[zeros:] == list(range(1, len(counts) - zeros + 1))

@@ -10,13 +10,13 @@ from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import generate
 from scripts import ROOT
 from tests.support.random_models import random_integer_model
-from tests.support.small_designs import SMALL, behind
+from tests.support.small_designs import SMALL, with_converter
 from tests.support.table import refused
 
 
 def test_a_converter_changes_no_text_of_the_chain(tmp_path):
     """Nothing of the interface is built without one, whatever its other fields are."""
-    fields = behind("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=2e6)
+    fields = with_converter("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=2e6)
     model = random_integer_model(SMALL.replace(**fields), 1)
     converters = ("ads7953", "none", dict(name="none", hz=1e6, code_shift=3))
     folders = [
@@ -58,7 +58,7 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(tmp_pa
     other, out = tmp_path / "other", tmp_path / "out"
     other.mkdir()
     (other / "notes.txt").write_text("mine")
-    with refused("other files in it; give a new folder with --out"):
+    with refused("other files in it; give a new folder with `out`"):
         generate(model.config, model.arrays, other)
     assert [path.name for path in tmp_path.rglob("*")] == ["other", "notes.txt"]
     for _ in range(2):

@@ -9,6 +9,7 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.netlist import Hardware, netlist_hardware
+from eskin.cosim.simulation import Simulation
 from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.training.formats import with_network
@@ -50,15 +51,8 @@ def play(model, recordings, tmp_path):
     design = generate(model.config, model.arrays, tmp_path / "design")
 
     def call(hardware: Hardware, simulator: str = "icarus", **options):
-        return flow.cosim(
-            design,
-            vectors,
-            simulator=simulator,
-            hardware=hardware,
-            work=tmp_path / "work",
-            builds=BUILDS,
-            **options,
-        )
+        how = Simulation(simulator=simulator, hardware=hardware, **options)
+        return flow.cosim(design, vectors, how, work=tmp_path / "work")
 
     return call
 
@@ -81,9 +75,9 @@ def test_the_netlist_is_exact(model, play, target, multiplier):
     hardware, cells = netlist_of(model.config, model.arrays, target)
     assert any(name.startswith(multiplier) and count for name, count in cells.items())
     result = play(hardware)
-    assert result["mismatch_list"] == [] and result["bit_exact"]
-    assert (result["level"], result["target"]) == ("netlist", target)
-    assert all(stage["compared_values"] for name, stage in result["stages"].items() if name != "state")
+    assert result.mismatch_list == [] and result.bit_exact
+    assert (result.level, result.target) == ("netlist", target)
+    assert all(stage.compared_values for name, stage in result.stages.items() if name != "state")
 
 
 SPARED = {
@@ -112,10 +106,9 @@ def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
         trace = run(model, recordings)
         vectors = write_vectors(tmp_path / f"{seed}.npz", trace, recordings, [9])
         design = generate(model.config, model.arrays, tmp_path / f"design{seed}")
-        result = flow.cosim(
-            design, vectors, simulator="icarus", hardware=hardware, work=tmp_path / "work", builds=BUILDS
-        )
-        assert result["bit_exact"] and result["steps"] >= 3, result["mismatch_list"]
+        how = Simulation(simulator="icarus", hardware=hardware)
+        result = flow.cosim(design, vectors, how, work=tmp_path / "work")
+        assert result.bit_exact and result.steps >= 3, result.mismatch_list
 
 
 # ---------------------------------------------------------------- activity counters
@@ -205,8 +198,8 @@ def test_counters_count_what_changes(tmp_path):
     assert built.returncode == 0, built.stderr[-2000:]
     subprocess.run([tmp_path / "obj_dir" / "Vwrapper"], cwd=tmp_path, check=True, timeout=600)
     driven = [0] + [(step * step >> 1) & 3 for step in range(CLOCKS)]  # d at each rising edge
-    held = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
-    toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(held)) for bit in (0, 1)]
+    at_edges = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
+    toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(at_edges)) for bit in (0, 1)]
     # operand b is not 0 at the first edge
     changes = 1 + sum(before != after for before, after in pairwise(driven[:CLOCKS]))
     count = read_count(tmp_path)

@@ -67,7 +67,7 @@ def test_lint_is_clean_slang_reads_it_and_signals_have_names(design, tmp_path):
         assert "$signal" not in (folder / name).read_text()
         compilation.addSyntaxTree(pyslang.syntax.SyntaxTree.fromFile(str(folder / name)))
     assert len(compilation.getRoot().topInstances) == 1
-    assert [str(said.code) for said in compilation.getAllDiagnostics() if said.isError()] == []
+    assert [str(message.code) for message in compilation.getAllDiagnostics() if message.isError()] == []
 
 
 def test_fusesoc_lints_it(tmp_path):
@@ -99,7 +99,7 @@ int main(void)
 
 @pytest.mark.slow
 def test_two_designs_go_into_one_system(tmp_path):
-    """Every module, function and macro of one is there once; each bench plays its own."""
+    """Every module, function and macro of a design is there once; each bench plays its design."""
     designs = {
         "left": ("lstm", {"bus": "wishbone"}),
         "right": ("thesis", {"bus": "wishbone"}),
@@ -125,9 +125,9 @@ def test_two_designs_go_into_one_system(tmp_path):
     assert subprocess.run([tmp_path / "both"], check=False).returncode == 0
     done = make(tmp_path / "third")
     assert done.returncode == 0, done.stdout
-    with refused("--top '2': is not a prefix"):
+    with refused("`top` '2': is not a prefix"):
         generate_design(model_of("linear"), tmp_path / "no", top="2")
-    with refused("--top stdint: names the driver stdint.h"):
+    with refused("`top` stdint: names the driver stdint.h"):
         generate_design(model_of("linear"), tmp_path / "no", top="stdint", bus="wishbone")
 
 

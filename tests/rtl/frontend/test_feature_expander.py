@@ -99,12 +99,12 @@ def test_every_kind_of_every_deviation(name):
 
 @each_row("subset", SUBSETS)
 def test_documented_pace_and_latency(subset):
-    """A deviation takes the slots up to that of the last kind that comes, the beat of a kind is there in the
+    """A deviation takes the slots up to the slot of the last kind that comes, the beat of a kind is there in the
     cycle after its slot."""
     config = config_of("pvdf", subset, "change")
     seen = detect(config, make_stream(config, 90, seed=5, touches=[20]))
     beats = window_beats(config, seen)
-    out, taken = play(FeatureExpander(config), beats)
+    out, accepted = play(FeatureExpander(config), beats)
     cycle, offered, slots = 0, [], []
     for beat, t in zip(beats, np.arange(len(beats)) // config.sensor.taxels, strict=True):
         comes = {"mean": True, "activity": t % 2 == 1, "integral": beat["emit"]}
@@ -113,4 +113,4 @@ def test_documented_pace_and_latency(subset):
         slots.append(1 + max(coming, default=0))
         cycle += slots[-1]
     assert set(slots) >= {1 + SLOTS[subset[-1]]} and [beat.cycle for beat in out] == offered
-    assert taken == (np.cumsum(slots) - 1).tolist()
+    assert accepted == (np.cumsum(slots) - 1).tolist()

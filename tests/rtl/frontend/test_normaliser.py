@@ -116,7 +116,7 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls, aligned):
     bench = Bench(dut, seed=6)
     if loadable:
         bench.process(loader(dut.load, load_words(config, means)))
-    taken = bench.drive(dut.i, beats, stall=stalls[0], after=40)
+    accepted = bench.drive(dut.i, beats, stall=stalls[0], after=40)
     out = bench.collect(dut.o, stall=stalls[1])
 
     async def set_mask(ctx):
@@ -129,5 +129,5 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls, aligned):
     numbers = {beat["value"] for beat in expected}
     assert {-32768, 32767} <= numbers and len(numbers) > 20  # both ends of SAT and what lies between
     if stalls == (0.0, 0.0):
-        assert [beat.cycle for beat in out] == taken  # a beat stays until its result is taken
-        assert taken == [taken[0] + 2 * n + n // config.sensor.taxels for n in range(len(beats))]
+        assert [beat.cycle for beat in out] == accepted  # a beat stays until its result is taken
+        assert accepted == [accepted[0] + 2 * n + n // config.sensor.taxels for n in range(len(beats))]

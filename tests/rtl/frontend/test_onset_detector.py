@@ -14,7 +14,7 @@ def run(config, beats, *, stalls=(0.0, 0.0), seed=0):
     """Beats out, cycles in, and the cycles of the watched flags; ``fault_flags``: the flags at the end."""
     dut = OnsetDetector(config)
     bench = Bench(dut, seed=seed)
-    taken = bench.drive(dut.i, beats, stall=stalls[0])
+    accepted = bench.drive(dut.i, beats, stall=stalls[0])
     out = bench.collect(dut.o, stall=stalls[1])
     flags = {
         name: bench.watch(getattr(dut.status, name))
@@ -26,7 +26,7 @@ def run(config, beats, *, stalls=(0.0, 0.0), seed=0):
 
     bench.process(set_mask)
     bench.run()
-    return out, taken, flags
+    return out, accepted, flags
 
 
 PAIRS = (
@@ -71,11 +71,11 @@ def test_full_rate_and_latency(name):
     config = CASES[name]
     stream = make_stream(config, 120, seed=3)
     seen = detect(config, stream)
-    out, taken, flags = run(config, sample_beats(stream))
+    out, accepted, flags = run(config, sample_beats(stream))
     assert values(out) == frame_beats(config, seen)
     latency = {"thesis": 1, "band tracked": 2, "synthetic": 2, "pvdf": 3}[name]
     taxels = config.sensor.taxels
-    for index, (cycle, beat) in enumerate(zip(taken, out, strict=True)):
+    for index, (cycle, beat) in enumerate(zip(accepted, out, strict=True)):
         frame, taxel = index // taxels + 1, index % taxels
         done = frame if taxel == taxels - 1 else frame - 1
         blocks = done // config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 0

@@ -25,9 +25,9 @@ class Ring(wiring.Component):
         m.submodules.ring = self.ring
         wiring.connect(m, wiring.flipped(self.i), self.ring.i)
         wiring.connect(m, self.ring.o, wiring.flipped(self.o))
-        taken = self.o.valid & self.o.ready
+        accepted = self.o.valid & self.o.ready
         m.d.comb += self.ring.touch_last.eq(left == 0)
-        with m.If(taken):
+        with m.If(accepted):
             m.d.sync += left.eq(Mux(left == 0, self.beats - 1, left - 1))
         return m
 
@@ -66,13 +66,13 @@ def test_latency_and_full_rate(taxels, gap, pause):
     config = CASES["thesis"].replace(taxels=taxels)
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     beats = frame_beats(config, seen)
-    out, taken = play(Ring(config), beats, gaps=[gap] * len(beats))
+    out, accepted = play(Ring(config), beats, gaps=[gap] * len(beats))
     last = 30 * taxels - 1
-    assert taken == [gap + beat * (1 + gap) + pause * (beat > last + 1) for beat in range(len(taken))]
+    assert accepted == [gap + beat * (1 + gap) + pause * (beat > last + 1) for beat in range(len(accepted))]
     replayed = [beat.cycle for beat in out[: 40 * taxels]]
-    assert replayed[: 5 * taxels] == [taken[last] + 3 + pause + n for n in range(5 * taxels)]
+    assert replayed[: 5 * taxels] == [accepted[last] + 3 + pause + n for n in range(5 * taxels)]
     # at the pace of its reader it never catches up
-    assert replayed[-1] - taken[65 * taxels - 1] == (3 if gap else 5 * taxels + 2)
+    assert replayed[-1] - accepted[65 * taxels - 1] == (3 if gap else 5 * taxels + 2)
 
 
 @each_row("wait", [0, 1, 20])
@@ -84,7 +84,7 @@ def test_what_has_caught_up_passes_by(wait):
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     dut, beats = Ring(config), frame_beats(config, seen)
     bench = Bench(dut, quiet=100)
-    taken = bench.drive(dut.i, beats, gaps=[5] * len(beats))
+    accepted = bench.drive(dut.i, beats, gaps=[5] * len(beats))
     wanted, out = touch_beats(config, seen)[: 40 * 4], []
     late = 100  # the beat of the touch for which the reader is not ready
 
@@ -103,8 +103,8 @@ def test_what_has_caught_up_passes_by(wait):
     bench.run()
     assert [{"complement": beat["complement"]} for beat in out] == wanted
     first = (seen.touches[0][1] - 1) * 4
-    delays = [beat["cycle"] - taken[first + number] for number, beat in enumerate(out)]
+    delays = [beat["cycle"] - accepted[first + number] for number, beat in enumerate(out)]
     caught_up = delays.index(0)
     assert 5 * 4 < caught_up < late and delays[caught_up:late] == [0] * (late - caught_up)
-    behind = 0 if not wait else next(k for k, delay in enumerate(delays[late:]) if delay == 0)
-    assert behind == {0: 0, 1: 1, 20: 24}[wait] and delays[late + behind :] == [0] * (160 - late - behind)
+    later = 0 if not wait else next(k for k, delay in enumerate(delays[late:]) if delay == 0)
+    assert later == {0: 0, 1: 1, 20: 24}[wait] and delays[late + later :] == [0] * (160 - late - later)

@@ -84,7 +84,7 @@ def test_latency_and_full_rate(name):
         values=np.random.default_rng(1).integers(-9, 9, (2 * last, taxels)),
         touches=[(0, 1, last), (0, last + 1, 2 * last)],
     )
-    out, taken = play(WindowAverager(config), window_beats(config, seen))
+    out, accepted = play(WindowAverager(config), window_beats(config, seen))
     assert values(out) == sum_beats(config, seen)
     cycle, beats, sums = 0, [], []
     for frame in list(range(1, last + 1)) * 2:
@@ -94,5 +94,5 @@ def test_latency_and_full_rate(name):
                 cycle += cost
                 beats += [cycle - 1] * (number == 0)
                 sums += [cycle] * bool(costs)
-    assert taken == beats
+    assert accepted == beats
     assert [beat.cycle for beat in out] == sums

@@ -1,4 +1,4 @@
-"""The host's registers on their own: commands, masks, refused writes, sticky faults, what is measured.
+"""The host's registers alone: commands, masks, refused writes, sticky faults, measured cycles.
 
 What a write during a touch and an access to no register may not change is proved in formal/host/control.py.
 """
@@ -117,7 +117,7 @@ def test_faults(signals, fault):
 
 
 def test_a_mask_or_measure_as_it_woke_up_or_was_written_is_no_fault():
-    """Each with an odd and an even number of ones; what is written above a register's last bit does not
+    """Each with an odd and an even number of ones; bits written above a register's last bit do not
     count."""
 
     async def body(ctx, dut, write, read):
@@ -140,9 +140,9 @@ def test_the_counter_measures_what_is_asked_for():
         for measure, longest in ((Measure.FRAME, 6), (Measure.STEP, 7), (Measure.WINDOWS, 11)):
             await write(Register.MEASURE, measure)
             assert await read(Register.LONGEST) == 0, "writing MEASURE begins anew"
-            for held, slots, cycles in ((3, 6, 11), (1, 5, 4), (1, 5, 4)):
+            for words, slots, cycles in ((3, 6, 11), (1, 5, 4), (1, 5, 4)):
                 put(ctx, dut.frames, offered=1, first=1)
-                await ctx.tick().repeat(held)
+                await ctx.tick().repeat(words)
                 for beat in range(3):
                     put(ctx, dut.frames, first=beat == 0, last=beat == 2)
                     await pulse(ctx, dut.frames.taken)
@@ -153,7 +153,7 @@ def test_the_counter_measures_what_is_asked_for():
                 # slots that an engine issues before it begins anew are issued again
                 await pulse(ctx, dut.engine.slot_done, cycles=4)
                 await write(Register.MEMORY_SELECT, Memory.MEANS)
-                await (pulse(ctx, dut.anew) if held == 3 else write(Register.MEMORY_DATA, 0))
+                await (pulse(ctx, dut.anew) if words == 3 else write(Register.MEMORY_DATA, 0))
                 await pulse(ctx, dut.engine.windows_open, cycles=cycles)
                 await ctx.tick().repeat(2)
             assert await read(Register.LONGEST) == longest, measure

@@ -1,4 +1,4 @@
-"""The serial link on its own, at its pins: packets in, frames and bus accesses out, and the other way round;
+"""The serial link alone, at its pins: packets in, frames and bus accesses out, and the other way round;
 damage of every kind."""
 
 import random
@@ -12,6 +12,7 @@ from eskin.live import link
 from eskin.rtl.common import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
+from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from tests.support.pin_port import decoded
 from tests.support.strategies import examples
 from tests.support.stream_bench import pack, put, simulate
@@ -120,8 +121,8 @@ def test_frames_writes_and_reads():
 def test_a_window_reaches_the_registers_of_teaching(fields, at):
     """Without taught places every address stays; every other address stays with them, too."""
     config = CONFIG.with_readout(readout="prototypes", **fields) if fields else CONFIG
-    asked = (0, 0x3B, *range(0x3C, 0x40))
-    line = [byte for number, address in enumerate(asked) for byte in write(number, address, 7)]
+    addresses = (0, 0x3B, *range(0x3C, 0x40))
+    line = [byte for number, address in enumerate(addresses) for byte in write(number, address, 7)]
     seen = play([*line, *link.read_packet(0x3E), *[None] * 20], config=config)
     assert [address for address, _ in seen.writes] == [0, 0x3B, *range(at, at + 4)]
     assert seen.reads == [at + 2] and link.parse(seen.bodies[0]).address == 0x3E
@@ -187,7 +188,7 @@ LENGTHS = [
     ENDLESS,
     link.pack(b"") + b"\x7e\x7e",
 ]
-# Its last six bytes look like a write that is due, and the check sequence is that of the whole.
+# Its last six bytes look like a write that is due, and the check sequence is the whole packet's.
 EARLY = frame(1, [7, 7, 0x0201, 0x1111])
 LINES = {
     "the first packet after a reset needs no flag in front": (PACKETS[0][1:], 0, SAMPLES[:1], [], 1),
@@ -259,7 +260,7 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
 
 
 def test_rates():
-    assert uart_divisor(12e6, 2e6) == 6 and uart_divisor(48e6, 115200) == 417
+    assert uart_divisor(12e6, 2e6) == 6 and uart_divisor(47_981_000, STIMULATOR_BAUD) == 417
     with refused("use 1.92308e"):
         uart_divisor(25e6, 2e6)
     with refused("use at most 3e"):

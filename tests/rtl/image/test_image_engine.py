@@ -16,7 +16,7 @@ from tests.support.stream_bench import put, simulate
 
 
 def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int, int] | None = None) -> int:
-    """Load the network, compute images one after the other (the maps of the one are the next one's random
+    """Load the network, compute images one after the other (the maps of an image are the next one's random
     contents), compare all. With ``wrong``, (memory, word, bit) that is loaded inverted, compare nothing.
     Returns how often a word was found wrong, and before the last logit."""
     plan, computed, found = case.plan, 0, 0

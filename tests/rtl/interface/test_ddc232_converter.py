@@ -19,11 +19,11 @@ DEADLINE = PERIOD - QUIET - (2 * 2 * 20 * 5 + 8)
 
 
 def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **fields):
-    """The frames, and the chip; ``codes(channel)`` are those of inputs 1..32. The real order and formats, with
+    """The frames, and the chip; ``codes(channel)`` are the codes of inputs 1..32. The real order and formats, with
     times that a bench can wait for. ``delay``: cycles from CONV to DVALID."""
     converter = dict(name="ddc232", **fields)
     config = PRESETS["thesis"].replace(converter=converter, sample_rate_hz=1000.0, taxels=5)
-    plan = replace(converter_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
+    plan = replace(converter_plan(config), wait=20, half=2, clk_half=4, quiet=QUIET)
     plan = replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
     dut = Ddc232Converter(plan, 5)
     order = range(1, 33) if fields.get("ascending") else range(32, 0, -1)
@@ -42,18 +42,19 @@ def test_every_code_at_its_taxel(fields, first):
     assert chip.configurations == [7 << 9 | (fields.get("bits", 20) == 20) << 8 | 1 << 7]
     assert len(chip.conv_edges) == WARM_UP + 2
     assert {after - before for before, after in pairwise(chip.conv_edges)} == {PERIOD}
+    assert {after - before for before, after in pairwise(chip.clk_edges)} == {4}
     for conv in chip.conv_edges:
         assert all(abs(edge - conv) >= QUIET for edge in chip.dclk_edges)
 
 
 def test_what_is_wrong_is_told_and_the_chip_is_set_up_anew():
-    asked = {"dvalid": 0, "readback": 0}
+    counts = {"dvalid": 0, "readback": 0}
 
     def spoil(name, value):
-        asked[name] += 1
+        counts[name] += 1
         if name == "dvalid":
-            return asked[name] != WARM_UP + 2  # of the second frame
-        return value ^ 1 << 40 if asked[name] in (1, 3) else value
+            return counts[name] != WARM_UP + 2  # of the second frame
+        return value ^ 1 << 40 if counts[name] in (1, 3) else value
 
     frames, chip = play(5, lambda channel: 1000 + channel, spoil)
     assert [(frame.fault, frame.away) for frame in frames] == [

@@ -1,4 +1,4 @@
-"""rtl/interface/i2c_master.py: both lines in every cycle, and what is heard of a chip whose data stand only in the
+"""rtl/interface/i2c_master.py: both lines in every cycle, and the bits heard from a chip whose data stand only in the
 cycle in which they are looked at."""
 
 import random

@@ -58,8 +58,8 @@ def test_the_latest_position_and_how_many():
         rng = random.Random(4)
         for count in range(1, 12):
             x, y, peak, ended, direction = (rng.randrange(top) for top in (256, 256, 160, 2, 5))
-            told = {"x": x, "y": y, "peak": peak, "ended": ended, "direction": direction}
-            ctx.set(dut.position, {"payload": told, "valid": 1})
+            position = {"x": x, "y": y, "peak": peak, "ended": ended, "direction": direction}
+            ctx.set(dut.position, {"payload": position, "valid": 1})
             await ctx.tick()
             ctx.set(dut.position, {"payload": {"x": 1, "y": 2, "peak": 3}, "valid": 0})
             assert [await read(register) for register in interface_registers(ALL)[:3]] == [

@@ -36,7 +36,7 @@ class Cells:
         self.samples: list[tuple[int, int]] = []
 
     async def play(self, ctx) -> None:
-        pins, word, said, select, clock, since, at = self.pins, 0, 0, 1, 0, 0, (0, 0)
+        pins, word, bits, select, clock, since, at = self.pins, 0, 0, 1, 0, 0, (0, 0)
         async for *_, now, level, row, column in ctx.tick().sample(
             pins.cs_n, pins.sclk, pins.row, pins.column
         ):
@@ -44,11 +44,11 @@ class Cells:
             at = (row, column)
             if select and not now:
                 self.samples.append((row * 5 + column, since))
-                word, said = self.word_of(row * 5 + column), 0
+                word, bits = self.word_of(row * 5 + column), 0
             elif not now and clock and not level:
-                said += 1
+                bits += 1
             select, clock = now, level
-            ctx.set(pins.miso, 1 if now or said > 15 else word >> 15 - said & 1)
+            ctx.set(pins.miso, 1 if now or bits > 15 else word >> 15 - bits & 1)
 
 
 def play(word_of, count=2, plan=PLAN):

@@ -1,4 +1,4 @@
-"""rtl/interface/mpr121_converter.py and i2c_master.py: what is written, cells between electrodes, each kind
+"""rtl/interface/mpr121_converter.py and i2c_master.py: bytes written, cells between electrodes, each kind
 of wrong answer."""
 
 import dataclasses
@@ -68,7 +68,7 @@ FAULTS = {
         (0x5B, {"ecr": RUNNING - 1}, REST, ConverterFault.READBACK),
     ],
 }
-"""Of a frame: a chip, what is wrong with it, its electrodes, what is told of the frame."""
+"""Of a frame: a chip, its fault, its electrodes, the frame's flags."""
 
 
 @each_row("config", FAULTS)

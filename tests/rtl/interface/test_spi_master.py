@@ -38,20 +38,20 @@ def test_words_cross_and_every_time_is_kept(shape):
     plan, rng = plan_of(**shape), random.Random(str(shape))
     dut, bits = SpiMaster(plan), plan.chip.bits
     bench = Bench(dut)
-    said = [[rng.getrandbits(bits) for _ in range(plan.lines)] for _ in range(12)]
-    asked = [(rng.randrange(plan.selects), rng.getrandbits(bits)) for _ in said]
+    answers = [[rng.getrandbits(bits) for _ in range(plan.lines)] for _ in range(12)]
+    requests = [(rng.randrange(plan.selects), rng.getrandbits(bits)) for _ in answers]
     got, starts, picked = [], [], []
 
     def answer(line, fell):
         picked.append(fell)
-        return said[len(got)][line]
+        return answers[len(got)][line]
 
     slave = SpiSlave(dut.pins, bits, answer)
     bench._sim.add_testbench(slave.play, background=True)
 
     async def play(ctx):
         await ctx.tick()
-        for select, command in asked:
+        for select, command in requests:
             put(ctx, dut, select=select, command=command, start=1)  # early: it begins when the port is idle
             while not ctx.get(dut.idle):
                 await ctx.tick()
@@ -65,12 +65,12 @@ def test_words_cross_and_every_time_is_kept(shape):
 
     bench.process(play)
     bench.run()
-    assert got == said and slave.heard == [(bits, command) for _, command in asked]
-    assert picked[:: plan.lines] == [1 << select for select, _ in asked]
+    assert got == answers and slave.heard == [(bits, command) for _, command in requests]
+    assert picked[:: plan.lines] == [1 << select for select, _ in requests]
     assert {later - earlier for earlier, later in pairwise(starts)} == {plan.transfer_cycles}
     selects = [cycle for cycle, what, _ in slave.edges if what == "select"]
     clocks = [cycle for cycle, what, _ in slave.edges if what == "clock"]
-    for number in range(len(said)):
+    for number in range(len(answers)):
         fell, rose = selects[2 * number : 2 * number + 2]
         edges = clocks[2 * bits * number : 2 * bits * (number + 1)]
         assert edges[0] - fell == plan.lead and {b - a for a, b in pairwise([*edges, rose])} == {plan.half}

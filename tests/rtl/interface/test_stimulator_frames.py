@@ -20,12 +20,12 @@ def play(body) -> None:
 
     async def bench(ctx):
         async def run(cycles: int) -> bytes:
-            taken = bytearray()
+            sent = bytearray()
             for _ in range(cycles):
                 if ctx.get(dut.byte.valid):
-                    taken.append(ctx.get(dut.byte.payload))
+                    sent.append(ctx.get(dut.byte.payload))
                 await ctx.tick()
-            return bytes(taken)
+            return bytes(sent)
 
         ctx.set(dut.byte.ready, 1)
         await body(ctx, dut, run)
@@ -42,15 +42,15 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
             put(ctx, dut, settings=dict(zip(SETTINGS, settings, strict=True)), electrode=electrode, request=1)
             await run(1)
             put(ctx, dut, settings=dict.fromkeys(SETTINGS, 1))  # for the next burst
-            taken = await run(159)
-            kept = map(min, settings, LIMITS)
-            assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], *kept))
-            model.feed(taken)
+            sent = await run(159)
+            limited = map(min, settings, LIMITS)
+            assert sent == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], *limited))
+            model.feed(sent)
             assert model.is_on and not model.wrong
             ctx.set(dut.request, 0)
-            taken = await run(30)
-            assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
-            model.feed(taken)
+            sent = await run(30)
+            assert sent == b">OFF<" * 2 and ctx.get(dut.resting)
+            model.feed(sent)
         assert not model.is_on and model.frames.count("ON") == 24
 
     play(body)

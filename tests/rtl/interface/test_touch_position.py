@@ -32,10 +32,10 @@ def hardware(
     clear_after: int | None = None,
     clear_at: int | None = None,
 ) -> list[tuple]:
-    """What is told, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the
+    """Positions, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the
     frame behind it."""
     dut, taxels = TouchPosition(config), config.sensor.taxels
-    bench, told, frame_now, ended_at = Bench(dut, max_cycles=2_000_000), [], [0], [0]
+    bench, positions, frame_now, ended_at = Bench(dut, max_cycles=2_000_000), [], [0], [0]
     quotient = (max(config.interface.rows, config.interface.columns) - 1).bit_length() + 5  # its bits
 
     async def play(ctx):
@@ -65,12 +65,12 @@ def hardware(
         async for *_, valid, p in ctx.tick().sample(dut.o.valid, dut.o.payload):
             if valid:
                 assert bench.cycle - ended_at[0] == (1 if p.ended else 2 * quotient + 1)
-                told.append((frame_now[0], p.x, p.y, p.peak, bool(p.ended), p.direction))
+                positions.append((frame_now[0], p.x, p.y, p.peak, bool(p.ended), p.direction))
 
     bench._sim.add_testbench(watch, background=True)
     bench.process(play)
     bench.run()
-    return told
+    return positions
 
 
 def as_told(golden: list[Position]) -> list[tuple]:
@@ -93,18 +93,18 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
     samples[[3, 4, 9, 12]] = low
     samples[5] = high
     # one cell alone, or none: slides of the whole array's length
-    alone = np.where(np.eye(cells + 1, cells), high, low)
-    samples = np.vstack([samples, alone[[-2, 0, -1, 0, -2, -1, 3, 7, -1]]])
+    single = np.where(np.eye(cells + 1, cells), high, low)
+    samples = np.vstack([samples, single[[-2, 0, -1, 0, -2, -1, 3, 7, -1]]])
     assert hardware(samples, config) == as_told(PositionStream(config).push(samples))
 
 
-@each_row("beat, behind", [(None, 5), *((beat, 6) for beat in range(16))])
-def test_a_clear_forgets_the_touch_and_the_frame_that_it_comes_in(beat, behind):
+@each_row("beat, cycles", [(None, 5), *((beat, 6) for beat in range(16))])
+def test_a_clear_forgets_the_touch_and_the_frame_that_it_comes_in(beat, cycles):
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
     before = as_told(PositionStream(config).push(samples[:5]))
     golden = before + [
-        (f + behind, *rest) for f, *rest in as_told(PositionStream(config).push(samples[behind:]))
+        (f + cycles, *rest) for f, *rest in as_told(PositionStream(config).push(samples[cycles:]))
     ]
     assert hardware(samples, config, clear_after=4, clear_at=beat) == golden
     assert not any(row[4] for row in before)
@@ -134,8 +134,8 @@ def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inne
         elif max(abs(dx), abs(dy)) > 1.6 and abs(abs(dx) - abs(dy)) > 0.8:
             clear += 1
             right += p.direction == direction(int(16 * dx), int(16 * dy), 1)
-    told = f"error {np.mean(errors):.3f}, at most {np.max(errors):.3f} cells; {right} of {clear} slides"
-    print(f"{size}: {len(errors)} positions, {told}")
+    summary = f"error {np.mean(errors):.3f}, at most {np.max(errors):.3f} cells; {right} of {clear} slides"
+    print(f"{size}: {len(errors)} positions, {summary}")
     assert clear > 5 and right == clear
 
 

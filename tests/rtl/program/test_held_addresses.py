@@ -1,4 +1,4 @@
-"""On a chip an address that a slot does not use is the one before it; addresses that are used are the same
+"""On a chip an address that a slot does not use is the address before it; addresses that are used are the same
 everywhere."""
 
 from eskin.golden.core import PRESETS
@@ -10,13 +10,13 @@ from tests.support.table import each_row
 @each_row("cell, lanes", [({}, 4), ({"cell": "lstm"}, 1), ({"cell": "linear"}, 4)])
 def test_only_unused_addresses_are_held(cell, lanes):
     config = PRESETS["thesis"].replace(lanes=lanes, **cell)
-    usual, held = (
+    usual, holding = (
         Microcode(schedule(config.replace(clock_gate=stops, one_port=stops))) for stops in (False, True)
     )
-    assert usual.slots == held.slots
-    before, after = list(usual.unrolled()), list(held.unrolled())
+    assert usual.slots == holding.slots
+    before, after = list(usual.unrolled()), list(holding.unrolled())
     changes = [0, 0]
-    for slot, fields in enumerate(held.slots):
+    for slot, fields in enumerate(holding.slots):
         for name in ADDRESSES:
             if name in fields:
                 assert after[slot][name] == fields[name]

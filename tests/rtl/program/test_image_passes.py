@@ -21,5 +21,5 @@ def test_tactnet_at_each_of_its_sizes_takes_little_more_than_its_multiplies(lane
 
 
 def test_a_convolution_works_in_pairs_where_half_of_the_lanes_would_rest():
-    pairs = {lanes: [one.pairs for one in plan_of("tactnet", 28, 50, lanes).passes] for lanes in (8, 16)}
+    pairs = {lanes: [part.pairs for part in plan_of("tactnet", 28, 50, lanes).passes] for lanes in (8, 16)}
     assert pairs == {8: [False] * 4, 16: [True, False, False, False]}

@@ -1,4 +1,4 @@
-"""The check words of image networks: every weight counts, and the places of taps are those of a loop written
+"""The check words of image networks: every weight counts, and the places of taps equal the places of a loop written
 out."""
 
 from eskin.golden.core import NETWORKS
@@ -11,16 +11,19 @@ from tests.support.unseen import unseen_weights
 
 @each_row("seed", range(20))
 def test_taps_lie_in_the_map_and_come_in_the_order_of_the_sums(seed):
-    for one in random_case(seed, most_cycles=3000).plan.passes:
+    for part in random_case(seed, most_cycles=3000).plan.passes:
         wanted, group = [], -1
-        for row, column, dy, dx in one.sums():
-            group = 0 if (dy, dx) == (0, 0) and group == one.groups - 1 else group + ((dy, dx) == (0, 0))
-            for i in range(one.kernel):
-                for j in range(one.span):
-                    if 0 <= row + i - one.radius < one.rows and 0 <= column + j - one.radius < one.columns:
-                        first = ((group * one.kernel + i) * one.span + j) * one.channels
-                        wanted += range(first, first + one.channels)
-        assert tap_places(one).tolist() == wanted
+        for row, column, dy, dx in part.sums():
+            group = 0 if (dy, dx) == (0, 0) and group == part.groups - 1 else group + ((dy, dx) == (0, 0))
+            for i in range(part.kernel):
+                for j in range(part.span):
+                    if (
+                        0 <= row + i - part.radius < part.rows
+                        and 0 <= column + j - part.radius < part.columns
+                    ):
+                        first = ((group * part.kernel + i) * part.span + j) * part.channels
+                        wanted += range(first, first + part.channels)
+        assert tap_places(part).tolist() == wanted
 
 
 @each_row("name", NETWORKS)

@@ -25,8 +25,8 @@ def linear(lanes: int = 1, *, classes: int = 3, **changes) -> AcceleratorConfig:
 
 # ---------------------------------------------------------------------- hardware
 def bound(config: AcceleratorConfig) -> int:
-    """Cycles a step may take. On DSP lanes every dot product loads its block's accumulator in a slot of its
-    own: one a row, and on a lane that also normalises one a feature."""
+    """Cycles a step may take. On DSP lanes every dot product loads its block's accumulator in a separate
+    slot: one a row, and on a lane that also normalises one a feature."""
     classes, inputs, lanes = config.classes, config.inputs, config.hardware.lanes
     lost = config.hardware.lane_type == "dsp"
     return -(-classes // lanes) * (inputs + lost) + -(-inputs // lanes) * (1 + lost * (lanes == 1)) + 16
@@ -125,5 +125,5 @@ def test_a_fit_of_two_classes_and_of_missing_ones():
     features = rng.normal(0, 0.3, (40, config.windows.steps, config.inputs)) + labels[:, None, None]
     arrays = fit_linear(config, features, labels, 1.0) | {"mu": np.array(0.0), "sigma": np.array(1.0)}
     assert (FloatModel(config, arrays).forward(features)[1][:, -1].argmax(axis=1) == labels).all()
-    alone = fit_linear(config, features, np.full(40, 1), 1.0)
-    assert not alone["V"].any() and alone["b_y"].argmax() == 1
+    single = fit_linear(config, features, np.full(40, 1), 1.0)
+    assert not single["V"].any() and single["b_y"].argmax() == 1

@@ -89,7 +89,7 @@ def test_vector_counts_within_a_word_and_nothing_else_does():
         {},
     ]
     words = [word for word in code.words[code.again_word + 1 :] if not word["wait"] and word["mac"]]
-    # the slot that waits is a word of its own, and so is the slot after it
+    # the slot that waits is a separate word, and so is the slot after it
     assert [(word["vector"], word["repeat"], word["t"]) for word in words] == [
         (6, 1, 3),
         (9, 2, 4),

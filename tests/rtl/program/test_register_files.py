@@ -59,14 +59,14 @@ def test_every_file_says_the_same(config, shell, tmp_path):
     registers = entries(config, shell)
     view = rdl_view(config, shell, tmp_path)
     assert view == {
-        one.name: (
-            4 * one.address,
-            one.count,
-            {field.name: (field.low, field.high, one.access, field.reset) for field in one.fields},
+        register.name: (
+            4 * register.address,
+            register.count,
+            {field.name: (field.low, field.high, register.access, field.reset) for field in register.fields},
         )
-        for one in registers
+        for register in registers
     }
-    addresses = {one.address + k for one in registers for k in range(one.count)}
+    addresses = {register.address + k for register in registers for k in range(register.count)}
     assert {address for address in addresses if address < 0x40} == {
         *mapped(config),
         *interface_registers(config),

@@ -69,13 +69,13 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
     assert len(read) == len(set(read)) and set(read) == wanted
 
     # one lane issue and one element issue a slot; with one multiplier one of either; a gap where an
-    # accumulator is loaded on its own
+    # accumulator is loaded separately
     rows = [(op.cycle, op) for op in plan.mac_before] + [(base + op.cycle, op) for op in plan.mac_after]
-    assert all(two >= one + 1 + timing.gap * second.first for (one, _), (two, second) in pairwise(rows))
+    assert all(two >= first + 1 + timing.gap * second.first for (first, _), (two, second) in pairwise(rows))
     elements = [(base + issue.cycle, issue) for issue in plan.elements]
     assert all(
-        two >= one + 1 + plan.element_gap * (second.term == 0)
-        for (one, _), (two, second) in pairwise(elements)
+        two >= first + 1 + plan.element_gap * (second.term == 0)
+        for (first, _), (two, second) in pairwise(elements)
     )
     if plan.shared:
         assert lane_type == "plain" or plan.element_gap == 1
@@ -83,14 +83,14 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
             [(slot, op.first, op.group) for slot, op in rows]
             + [(slot, i.term == 0, None) for slot, i in elements]
         )
-        for (one, _, group), (two, begins, other) in pairwise(on_the_lane):
-            assert two >= one + 1 + timing.gap * begins
+        for (begin, _, group), (two, begins, other) in pairwise(on_the_lane):
+            assert two >= begin + 1 + timing.gap * begins
             assert begins or group == other, "an element-wise operation between the elements of a dot product"
 
     # the chain is empty when the next sums come, and the table has one index a slot
     lasts = lasts_of(plan)
     if timing.chain:
-        assert all(two >= one + group.rows for (one, group), (two, _) in pairwise(lasts))
+        assert all(two >= first + group.rows for (first, group), (two, _) in pairwise(lasts))
     tabled = [(slot, group) for slot, group in lasts if group.block.dest in ("sigmoid", "tanh")]
     table = [slot + timing.row + row for slot, group in tabled for row in range(group.rows)]
     final = {(i.op.name, i.index): slot for slot, i in elements if i.term == len(i.op.terms) - 1}
@@ -152,11 +152,16 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
 def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
     """What one DSP lane runs: every weight once, the old state read before the new one is written, no addend
     that is computed."""
-    two, one = schedule(reference(*cell, lanes=1)), schedule(reference(*cell, lanes=1, lane_type="dsp"))
-    assert one.program == in_one_phase(two.program) == cell_program(one.config)
-    assert cell_program(two.config.replace(one_phase=True)) == one.program
-    assert not one.mac_before and not one.partial_rows and one.slots_before == 0 and two.partial_rows
-    assert sorted((m, g.first_row, c) for g, m, c in one.weight_words) == sorted(
+    two, in_block = schedule(reference(*cell, lanes=1)), schedule(reference(*cell, lanes=1, lane_type="dsp"))
+    assert in_block.program == in_one_phase(two.program) == cell_program(in_block.config)
+    assert cell_program(two.config.replace(one_phase=True)) == in_block.program
+    assert (
+        not in_block.mac_before
+        and not in_block.partial_rows
+        and in_block.slots_before == 0
+        and two.partial_rows
+    )
+    assert sorted((m, g.first_row, c) for g, m, c in in_block.weight_words) == sorted(
         (m, g.first_row, c) for g, m, c in two.weight_words
     )
-    assert one.decision_cycles > two.decision_cycles
+    assert in_block.decision_cycles > two.decision_cycles

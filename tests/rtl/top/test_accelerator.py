@@ -123,7 +123,7 @@ def play(
     per-recording status words.
 
     ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many
-    cycles after the one before. ``left_off``: so many taxels are missing at the end of every recording.
+    cycles after the frame before. ``left_off``: so many taxels are missing at the end of every recording.
     ``then``: a model of the same design that the host loads after all recordings, which are played again.
     ``writes``: in place of the model's. ``prepare`` adds to the bench before it runs.
     """

@@ -4,9 +4,9 @@ formal/top/clock_gate.py."""
 import pytest
 
 from eskin.cosim import flow
+from eskin.cosim.simulation import Simulation
 from eskin.golden.model import write_vectors
 from eskin.rtl.fpga.generate import generate
-from tests.rtl.fpga.test_netlist import BUILDS
 from tests.support.traffic_case import CONFIG, Case
 
 GATED = {"clock_gate": True, "one_port": True}
@@ -22,12 +22,13 @@ def test_bit_exact_with_the_clock_stopped(tmp_path):
     result = flow.cosim(
         tmp_path / "design",
         tmp_path / "vectors.npz",
-        simulator="icarus",
-        pace="declared",
-        clock_hz=CYCLES * case.config.sensor.sample_rate_hz,
-        waves=False,
+        Simulation(
+            simulator="icarus",
+            pace="declared",
+            clock_hz=CYCLES * case.config.sensor.sample_rate_hz,
+            waves=False,
+        ),
         work=tmp_path / "gated",
-        builds=BUILDS,
     )
-    assert result["bit_exact"] and result["compared_values"] > 100, result["mismatch_list"]
-    assert result["registers"]["FAULTS"] == 0
+    assert result.bit_exact and result.compared_values > 100, result.mismatch_list
+    assert result.registers["FAULTS"] == 0

@@ -42,10 +42,10 @@ def test_the_arm_after_a_broken_frame_waits_for_bus_and_frame(monkeypatch):
             await ctx.tick()
 
     simulate(dut, play)
-    alone = {
+    single = {
         (True, True, False, False),
         (True, False, True, False),
         (True, False, False, True),
         (True, False, False, False),
     }
-    assert alone <= set(seen)
+    assert single <= set(seen)

@@ -65,11 +65,11 @@ def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decisio
     events = [(0, 0), (1, 0), (1, 1), (2, 0), (3, 0), (0, 0), (0, 1), (1, 0), (0, 0), (1, 0)]
 
     async def bench(ctx):
-        taken = []
+        accepted = []
         for step, is_global in events:
             ctx.set(offered, {"step": step, "is_global": is_global})
-            taken.append(ctx.get(takes))
+            accepted.append(ctx.get(takes))
             await ctx.tick()
-        assert taken == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
+        assert accepted == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
 
     simulate(m, bench)

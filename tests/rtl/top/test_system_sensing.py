@@ -1,4 +1,4 @@
-"""A board with its own sensors (rtl/top/system.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
+"""A board with sensors (rtl/top/system.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
 from types import SimpleNamespace
@@ -81,7 +81,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
 
 
 def test_what_needs_a_host_is_refused():
-    with refused("there is no source of frames; add --converter"):
+    with refused("there is no source of frames; add `converter`"):
         system.refuse_standalone(CONFIG.replace(converter="none"))
     immediate = dict(onset="immediate", window_mode="free", window=614, pretrigger_frames=0)
     with refused("use 'band' or 'baseline'"):

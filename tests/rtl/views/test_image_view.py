@@ -22,10 +22,12 @@ def test_rows_add_up_to_the_formula():
 
 
 def test_slots_leave_room_for_what_goes_on_beside_them():
-    for one in PLAN.passes:
-        slots = list(one.slots(8))
+    for part in PLAN.passes:
+        slots = list(part.slots(8))
         for slot, following in pairwise(slots):
             assert following.begin - slot.begin >= max(slot.taps + 1, 8 + 1)
-        rows, columns, _ = one.result
-        outputs = one.groups * one.rows * one.columns
-        assert len(slots) == outputs + 2 and rows * columns * (4 if one.pool else 1) >= one.rows * one.columns
+        rows, columns, _ = part.result
+        outputs = part.groups * part.rows * part.columns
+        assert (
+            len(slots) == outputs + 2 and rows * columns * (4 if part.pool else 1) >= part.rows * part.columns
+        )

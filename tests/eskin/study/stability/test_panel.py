@@ -24,13 +24,13 @@ from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig
-from eskin.requests import TrainRequest
 from eskin.study.stability.core import At, Scene
 from eskin.study.stability.disturbances import noisy
 from eskin.study.stability.panel import OTHER_SEED, PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.judge import Fold
 from eskin.training.recipe import RECIPES
+from eskin.training.wanted import Wanted
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
 from tests.support.table import each_row, refused
@@ -124,29 +124,26 @@ def energy(dear: float, power: float = 1.0):
     return priced(cost_of=cost_of)
 
 
-def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
-    fragile, sturdy, prices = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
-    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.9975)
-    assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
-    assert choose([fragile, sturdy], prices) is fragile
-    assert choose_stable([fragile, sturdy], fragile, prices) is sturdy
-    near = judged(8, 1000, 602)  # a thousandth better, and dearer
-    assert choose_stable([fragile, near], fragile, prices) is fragile
-    assert choose_stable([fragile, near], fragile, energy(1.0)) is near  # as cheap
-
-
 @each_row(
-    "right, dear, power, taken",
+    "fragile, right, disturbed, dear, power, taken",
     [
-        (1000 * (1 - CLEAN_LOSS), ENERGY, DEARER, True),
-        (1000 * (1 - CLEAN_LOSS) - 1, ENERGY, DEARER, False),
-        (1000, ENERGY + 0.01, 1.0, False),
-        (1000, 1.0, DEARER + 0.01, False),
+        (600, 995, 1000, 1.3, 1.0, True),
+        (600, 1000, 602, 1.3, 1.0, False),  # a thousandth better, and dearer
+        (600, 1000, 602, 1.0, 1.0, True),  # as cheap
+        (300, 1000 * (1 - CLEAN_LOSS), 1000, ENERGY, DEARER, True),
+        (300, 1000 * (1 - CLEAN_LOSS) - 1, 1000, ENERGY, DEARER, False),
+        (300, 1000, 1000, ENERGY + 0.01, 1.0, False),
+        (300, 1000, 1000, 1.1, DEARER + 0.01, False),
     ],
 )
-def test_disturbances_cost_no_more_than_the_rule_says(right, dear, power, taken):
-    fragile, sturdy = judged(4, 1000, 300), judged(8, right, 1000)
-    assert choose_stable([fragile, sturdy], fragile, energy(dear, power)) is (sturdy if taken else fragile)
+def test_the_cheapest_level_one_is_taken_and_costs_no_more_than_the_rule_says(
+    fragile, right, disturbed, dear, power, taken
+):
+    first, sturdy, prices = judged(4, 1000, fragile), judged(8, right, disturbed), energy(dear, power)
+    assert (first.score, sturdy.score) == pytest.approx((0.5 + fragile / 2000, (right + disturbed) / 2000))
+    assert first.scores.mean() == first.score and first.worst == {"mode": "m", "figure": fragile / 1000}
+    assert dear == 1 or choose([first, sturdy], prices) is first
+    assert choose_stable([first, sturdy], first, prices) is (sturdy if taken else first)
 
 
 def test_average_powers_within_a_hundredth_are_equal_and_then_energy_decides():
@@ -157,15 +154,15 @@ def test_average_powers_within_a_hundredth_are_equal_and_then_energy_decides():
 
 # ---------------------------------------------------------------------- a fragile scene
 def gate_costs(config: AcceleratorConfig) -> Cost:
-    """A clip costs something here, and a gate that is always open too much."""
-    dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 2 * config.opens_at_once)
+    """A clip costs something here, and a gate that is always open or a recurrent cell too much."""
+    dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 4 * (config.opens_at_once or config.recurrent))
     return replace(cost_by_size(config), energy_touch_j=dear, average_w=1e-4)
 
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
     """Touches that any network knows, behind a gate that one bad sample opens."""
     scene = stability_case.recordings(36)
-    request = TrainRequest(data="", out=tmp_path / "model", folds=2, seeds=1, group="trial")
+    request = Wanted(out=tmp_path / "model", folds=2, seeds=1, group="trial")
     panel = Panel(scene, {"one-sample glitch before the touch": 1.0, "one dead taxel, worst": 1.0}, 24)
     calm, heeded = (
         train_chosen(scene, None, priced(cost_of=gate_costs), request, stress=of) for of in (None, panel)

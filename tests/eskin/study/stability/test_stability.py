@@ -10,6 +10,7 @@ from unittest.mock import MagicMock, Mock
 import numpy as np
 import pytest
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import QFormat
 from eskin.golden.model import preprocess
 from eskin.requests import StabilityRequest
@@ -22,6 +23,7 @@ from eskin.verbs import stability_job
 from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
 from tests.support.broken_variants import BROKEN, broken
+from tests.support.result_case import cosimulation
 from tests.support.table import each_row, refused
 
 GOLDEN = {name: mode for name, mode in MODES.items() if callable(mode.run)}
@@ -43,17 +45,18 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
     mode = MODES[name]
     sound, _ = judge(mode, bench())
     spoiled, _ = judge(mode, broken(name, bench(), monkeypatch.setattr))
-    assert sound["passed"], (sound["value"], sound["bound"], sound["worst_case"])
-    assert not spoiled["passed"], (spoiled["value"], spoiled["bound"], spoiled["worst_case"])
-    json.dumps(sound, allow_nan=False)
-    assert mode.description.endswith(".") and sound["reason"]
-    if drawn := sound["curve"]:
-        assert {len(line) for line in drawn["lines"].values()} == {len(drawn["x"])}
+    assert sound.passed, (sound.value, sound.bound, sound.worst_case)
+    assert not spoiled.passed, (spoiled.value, spoiled.bound, spoiled.worst_case)
+    json.dumps(sound.plain(), allow_nan=False)
+    assert mode.description.endswith(".") and sound.reason
+    if drawn := sound.curve:
+        assert {len(line) for line in drawn.lines.values()} == {len(drawn.x)}
 
 
-def in_hardware(case: Bench) -> stability_job.Hardware:
+def in_hardware(case: Bench, design=None) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    return stability_job.Hardware(case, "icarus")
+    how = Simulation(simulator="icarus", waves=False, hardware=design)
+    return stability_job.Hardware(case, how)
 
 
 @pytest.mark.slow
@@ -63,13 +66,13 @@ def in_hardware(case: Bench) -> stability_job.Hardware:
 def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
     bench = stability_case.bench()
-    hardware, design = in_hardware(bench), broken_design(bench.model, mode.run, tmp_path / "broken")
-    sound, broken = hardware.measure(mode.run), hardware.measure(mode.run, hardware=design)
+    design = broken_design(bench.model, mode.run, tmp_path / "broken")
+    sound, broken = (in_hardware(bench, each).measure(mode.run) for each in (None, design))
     assert sound.value <= mode.bound(bench) < broken.value, (
-        sound.rtl["mismatch_list"],
+        sound.rtl.mismatch_list,
         broken.rtl["mismatch_list"],
     )
-    assert sound.rtl["compared_values"] > 100
+    assert sound.rtl.compared_values > 100
 
 
 def test_each_case_is_played_in_a_folder_of_its_own(monkeypatch):
@@ -86,7 +89,7 @@ def test_each_case_is_played_in_a_folder_of_its_own(monkeypatch):
 def test_a_recording_that_is_left_leaves_nothing_behind_but_without_arm_or_reset_it_does(tmp_path):
     case = replace(stability_case.bench(), flips=200)
     hardware = in_hardware(case)
-    assert hardware.measure("reset").value == 0 < hardware.measure("reset", ways=("neither",)).value
+    assert hardware.measure("reset").value == 0 < hardware.leave(("neither",)).value
 
 
 def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
@@ -112,9 +115,11 @@ def a_mode(value: float = 2.0, name: str = "state bits", **bound):
 )
 def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(bound, passed, fails_at, room):
     record, case = judge(a_mode(**bound), stability_case.bench())
-    assert (record["passed"], record["fails_at"], case) == (passed, fails_at, None) and record[
-        "room"
-    ] == pytest.approx(room)
+    assert (record.passed, record.fails_at, case) == (
+        passed,
+        fails_at,
+        None,
+    ) and record.room == pytest.approx(room)
     for bounds in ({"at_most": 1.0, "at_least": 1.0}, {}):
         with pytest.raises(ValueError, match="give one bound and one of numeric, stream"):
             a_mode(**bounds)
@@ -179,7 +184,7 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
         job(tmp_path, names=["tie"])
     result = job(tmp_path, names=[*NAMES, STALLS])
     written = json.loads((tmp_path / "out" / "stability.json").read_text())
-    assert written == json.loads(json.dumps(result)) and result["passed"]
+    assert written == result.plain() and result.passed
     modes, page = written["modes"], (tmp_path / "out" / "stability.html").read_text()
     assert [mode["name"] for mode in modes] == NAMES and all(name in page for name in NAMES)
     assert written["not_run"] == [{"name": STALLS, "group": "stream", "why": "needs a co-simulation"}]
@@ -190,20 +195,20 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"stability.json", "stability.html"}
     monkeypatch.setattr(stability, "judge", lambda *args: pytest.fail("a finished experiment was run again"))
     again = job(tmp_path, names=NAMES)
-    assert again["modes"] == result["modes"]
+    assert again.modes == result.modes
     with pytest.raises(pytest.fail.Exception):  # other recordings of a curve: another content
         job(tmp_path, names=NAMES, few=5)
 
 
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
     def differs(hardware, case, name):
-        return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1}
+        return cosimulation(1, mismatches=1)
 
     monkeypatch.setattr(stability_job.Hardware, "play_case", differs)
     result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
-    assert not result["passed"]
-    assert result["modes"][1]["rtl"]["mismatches"] == 1
-    assert result["modes"][0]["rtl"] is None
+    assert not result.passed
+    assert result.modes[1].rtl.mismatches == 1
+    assert result.modes[0].rtl is None
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
 

@@ -1,0 +1,33 @@
+"""Result files keep the keys that they have had: every file of version 0.3.0 is read by its model, and written the same."""
+
+import json
+from pathlib import Path
+
+from eskin.cosim.results import Played
+from eskin.study.energy import Estimate
+from eskin.study.stability.core import Stability
+from eskin.training.evaluate import Evaluation, HeldBack
+from eskin.verbs.energy_job import Energies
+from tests.support.table import each_row
+
+FROZEN = json.loads(Path(__file__).with_name("frozen_results.json").read_text())
+"""Results of the verbs, rows that add no key left out."""
+MODELS = {
+    "cosim": Played,
+    "cosim_declared": Played,
+    "cosim_netlist": Played,
+    "cosim_converter": Played,
+    "evaluate": Evaluation,
+    "energy": Energies,
+    "stability": Stability,
+}
+
+
+@each_row("name", MODELS)
+def test_a_result_of_before_is_read_and_written_the_same(name):
+    assert MODELS[name].model_validate(FROZEN[name]).plain() == FROZEN[name]
+
+
+def test_parts_of_results_too():
+    assert HeldBack.model_validate(FROZEN["run"]["test"]).plain() == FROZEN["run"]["test"]
+    assert Estimate.model_validate(FROZEN["build"]["energy"]).plain() == FROZEN["build"]["energy"]
