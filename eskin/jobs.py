@@ -126,12 +126,14 @@ def _end_with(parent: int) -> None:
 
 def _on_cores(workers: int, function: Function, shared: Any, pieces: Record) -> Results:
     # arrays travel whole: a worker that maps them as files could not write into its copy
-    options: Record = {"inner_max_num_threads": 1, "max_nbytes": None}
-    options |= {"initializer": _begin_worker, "initargs": (os.getpid(),)}
+    place: Record = {"inner_max_num_threads": 1, "max_nbytes": None}
+    place |= {"initializer": _begin_worker, "initargs": (os.getpid(),)}
+    # No piece waits in a worker: joblib ends first what a worker has started, and the worker would begin the next piece.
+    options: Record = {"return_as": "generator_unordered", "batch_size": 1, "pre_dispatch": "n_jobs"}
     tasks = (delayed(_keyed)(function, shared, key, piece) for key, piece in pieces.items())
-    with parallel_config("loky", n_jobs=workers, **options):
+    with parallel_config("loky", n_jobs=workers, **place):
         try:
-            yield from Parallel(return_as="generator_unordered", batch_size=1)(tasks)
+            yield from Parallel(**options)(tasks)
         except BrokenExecutor:
             raise InputError(DIED) from None
 

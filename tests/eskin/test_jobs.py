@@ -89,7 +89,7 @@ def test_a_worker_computes_in_one_thread():
 
 # ---------------------------------------------------------------------- interrupts
 SLOW = """
-import os, signal, subprocess, sys, time
+import signal, subprocess, sys
 from pathlib import Path
 from eskin.jobs import Jobs
 from eskin.memo import Memo
@@ -97,72 +97,57 @@ from eskin.memo import Memo
 def work(shared, piece):
     if piece:
         child = subprocess.Popen(["sleep", "1000"])
-        Path(f"{piece}.new").write_text(f"{os.getpid()} {child.pid}")
-        os.rename(f"{piece}.new", f"{piece}.pids")
+        Path(f"begun{piece}").touch()
         child.wait()
     return piece
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
-    try:
-        Jobs(workers=2).results(work, {"first": 0, "a": 1, "b": 2, "c": 3}, keep=Memo(Path("kept")))
-    except KeyboardInterrupt:
-        sys.exit(130)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
+try:
+    Jobs(workers=2).results(work, {"first": 0, "a": 1, "b": 2, "c": 3}, keep=Memo(Path("kept")))
+except KeyboardInterrupt:
+    sys.exit(130)
 """
 
 
-def alive(pid: int) -> bool:
-    """Whether a process runs; one that nobody has waited for does not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+def running(mark: str) -> list[int]:
+    """Processes that were started with this word in their environment, and their children."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            found += [int(path.parent.name)] if mark.encode() in path.read_bytes() else []
+    return found
 
 
-def wait_until(what, process, output: Path, seconds: float = 600) -> None:
-    limit = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < limit and process.poll() is None, output.read_text()
+def wait_until(done) -> None:
+    limit = time.monotonic() + 600
+    while not done():
+        assert time.monotonic() < limit
         time.sleep(0.05)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(tmp_path, number):
+    output, mark, first = tmp_path / "output", f"JOBS_TEST={tmp_path}", tmp_path / "kept/first.json"
     (tmp_path / "job.py").write_text(SLOW)
-    output = tmp_path / "output"
     with output.open("w") as out:
+        env = os.environ | {"PYTHONPATH": str(ROOT), "JOBS_TEST": str(tmp_path)}
         process = subprocess.Popen(
-            [sys.executable, "job.py"],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=out,
-            stderr=out,
-            start_new_session=True,
+            [sys.executable, "job.py"], cwd=tmp_path, env=env, stdout=out, stderr=out, start_new_session=True
         )
-    files = [tmp_path / "1.pids", tmp_path / "2.pids"]
-    pids: list[int] = []
     try:
-        wait_until(
-            lambda: all(file.exists() for file in files) and (tmp_path / "kept" / "first.json").exists(),
-            process,
-            output,
-        )
-        pids = [int(word) for file in files for word in file.read_text().split()]
-        assert len(pids) == 4 and all(map(alive, pids))
-        os.killpg(process.pid, number)  # as a terminal does: to the whole group
+        files = [first, tmp_path / "begun1", tmp_path / "begun2"]
+        wait_until(lambda: process.poll() is not None or all(file.exists() for file in files))
+        # an interrupt as a terminal sends it: to the whole group
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
         assert process.wait(timeout=600) == (130 if number == signal.SIGINT else -signal.SIGKILL)
-        limit = time.monotonic() + 600
-        while any(map(alive, pids)) and time.monotonic() < limit:
-            time.sleep(0.05)
-        assert not any(map(alive, pids)), "workers and what they started end too"
+        wait_until(lambda: not running(mark))
     finally:
-        for pid in [process.pid, *pids]:
+        for pid in running(mark):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-        process.wait()
-    assert output.read_text() == "" and [path.name for path in (tmp_path / "kept").iterdir()] == [
-        "first.json"
-    ]
+    # after a sudden end joblib says what it cleans up
+    assert number == signal.SIGKILL or output.read_text() == ""
+    assert list(first.parent.iterdir()) == [first]
 
 
 # ---------------------------------------------------------------------- a cluster
