@@ -22,9 +22,12 @@ def standstill_cycles(config: AcceleratorConfig) -> int:
     return 20 * (config.step_ideal + 1000)
 
 
-def step_limit_frames(config: AcceleratorConfig) -> int:
+def step_limit_frames(config: AcceleratorConfig) -> float:
     """Frames a step may take: the least distance between two window ends. Windows that end together end the
-    touch; nothing follows them."""
+    touch; nothing follows them. Windows that follow the touch must be decided before the next one's first hop is
+    over."""
+    if config.follows_touch:
+        return config.windows.hop / config.windows.steps
     ends = sorted({last for _, last in config.window_spans})
     return min((after - before for before, after in pairwise(ends)), default=config.windows.hop)
 
@@ -35,7 +38,12 @@ def limits(config: AcceleratorConfig) -> dict[str, float]:
     if config.is_image:  # the next image takes as long to come
         image = config.image.height * period
         return {"frame": period, "step": image, "decision": budget or image}
-    return {"frame": period, "step": step_limit_frames(config) * period, "decision": budget or period}
+    together = config.windows.hop if config.follows_touch else 1
+    return {
+        "frame": period,
+        "step": step_limit_frames(config) * period,
+        "decision": budget or together * period,
+    }
 
 
 COUNT_OF = {"frame": "frame_max", "step": "step_max", "decision": "decision_latency_max"}

@@ -456,7 +456,9 @@ class AsicRequest(ModelOptions):
 
 # ---------------------------------------------------------------------- sentences
 OPTIONS = {
-    each.name: (each.metadata["of"].param_decls or [f"--{each.name.replace('_', '-')}"])[-1]
+    each.name: name
+    if isinstance(name := each.metadata["of"].default, str)
+    else f"--{each.name.replace('_', '-')}"
     for kind in [*vars().values()]
     if is_dataclass(kind)
     for each in fields(kind)

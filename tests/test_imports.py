@@ -179,7 +179,7 @@ OF_TOOLS = {"eskin.rtl.fpga.implementation", "eskin.rtl.fpga.targets", "eskin.co
 
 
 def sentences(tree: ast.AST, errors: bool = False) -> str:
-    """All strings of the code that are no docstrings; only those of errors that it raises."""
+    """All strings of the code that are no docstrings; ``errors``: only sentences of errors."""
     docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     parts = [node for node in ast.walk(tree) if isinstance(node, ast.Raise)] if errors else [tree]
     nodes = (node for part in parts for node in ast.walk(part) if id(node) not in docstrings)

@@ -164,6 +164,16 @@ class AcceleratorConfig:
                     f"is {before}, but a touch ends with its frame {self.last_frame}, which must come after "
                     "the onset; lower pretrigger_frames or raise steps or hop",
                 )
+        if self.follows_touch and network.decision == "early":
+            yield (
+                "decision",
+                "is 'early' with window_mode 'whole', which decides at the end; use 'last' or 'vote'",
+            )
+        if self.follows_touch and not self.opens_at_once and rule.rearm_frames < windows.hop:
+            yield (
+                "rearm_frames",
+                f"is {rule.rearm_frames}; with window_mode 'whole' it is at least one hop, {windows.hop} frames",
+            )
         if network.decision == "early" and network.early_steps > windows.steps:
             yield (
                 "early_steps",

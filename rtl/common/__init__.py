@@ -29,6 +29,7 @@ from eskin.rtl.common.layouts import (
     has_door,
     margin_units,
     sample_layout,
+    stored,
     sum_layout,
     touch_layout,
     window_layout,

@@ -32,10 +32,13 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     frame, on each of its beats. ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last
     taxel only) = the rule was met, this is frame f. ``window_mode`` free: ``hop_last`` = last frame of a hop;
     ``emit`` = a window of the open touch ends with this frame; ``end`` = it is the touch's last. With a fault
-    detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
+    detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag. ``window_mode`` whole: ``touch``;
+    with the last taxel only ``loud`` = the rule was met, ``end`` = the touch ends, ``longest`` = having had
+    ``touch_frames`` frames.
     """
-    touch = config.windows.window_mode == "touch"
-    return _marked(config, *(("touch", "onset") if touch else ("hop_last", "emit", "end")))
+    if config.windows.window_mode == "touch":
+        return _marked(config, "touch", "onset")
+    return window_layout(config)
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -53,13 +56,21 @@ def expands(config: AcceleratorConfig) -> bool:
     return config.features.feature_kinds != ("mean",)
 
 
+def stored(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` with the kinds of feature that the store of ``window_mode`` whole adds up: an integral is made of
+    means, and a mean comes in every frame."""
+    kinds = tuple(kind for kind in ("mean", "activity") if kind in ("mean", *config.features.feature_kinds))
+    return config.replace(feature_kinds=kinds, feature_shift=(), aligned_means=False)
+
+
 def window_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One deviation of a frame that windows see, as complement, with the marks of its frame.
 
     ``hop_last`` = the last frame of a hop, or of the touch; ``emit`` = a window of the touch ends with this
-    frame; ``end`` = it is the touch's last. ``window_mode`` free: the same as ``frame_layout``.
+    frame; ``end`` = it is the touch's last. ``window_mode`` free, whole: the same as ``frame_layout``.
     """
-    return _marked(config, "hop_last", "emit", "end")
+    whole = "touch", "loud", "end", "longest"
+    return _marked(config, *(whole if config.follows_touch else ("hop_last", "emit", "end")))
 
 
 def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -78,7 +89,7 @@ def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 def comes(kind: str, marks) -> Value:
     """True if a beat of ``kind`` comes in a frame with these marks of `beat_layout`."""
-    return {"mean": Const(1, 1), "activity": marks.block_last, "integral": marks.emit}[kind]
+    return Const(1, 1) if kind == "mean" else marks.block_last if kind == "activity" else marks.emit
 
 
 def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -86,13 +97,14 @@ def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
 
     ``kind`` is there with several kinds of feature. ``length`` is an index into ``window_lengths``; ``final``
     marks the touch's last window. With a fault detector ``masked`` marks a taxel that is out of use in the
-    window's last frame.
+    window's last frame. ``window_mode`` whole: ``partial``, the touch was the longest.
     """
     lengths = unsigned(max(1, ceil_log2(len(config.window_lengths))))
     return data.StructLayout(
         {"complement": signed(config.sum_bits), "taxel": range(config.sensor.taxels)}
         | ({"kind": range(config.kinds)} if config.kinds > 1 else {})
         | {"length": lengths, "final": 1}
+        | ({"partial": 1} if config.follows_touch else {})
         | ({"masked": 1} if config.faults.fault_frames else {})
     )
 
@@ -100,7 +112,8 @@ def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
 def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One centred sum, with the window's length index, first and last input, last window of the touch."""
     length = sum_layout(config)["length"].shape
-    return struct(value=shape_of(config.centred_format), length=length, first=1, last=1, final=1)
+    marks = dict.fromkeys(("first", "last", "final", *(("partial",) if config.follows_touch else ())), 1)
+    return struct(value=shape_of(config.centred_format), length=length, **marks)
 
 
 def decision_layout(config: AcceleratorConfig) -> data.StructLayout:

@@ -39,6 +39,8 @@ class Classifier(Block):
     finish : In(1)
         Pulse while idle: the recording has ended; a touch with at least one step gets its global decision,
         marked partial.
+    longest : In(1)
+        ``window_mode`` whole: the touch was the longest, so its decision is marked partial.
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     far : In(1), only with ``unknown_above``
@@ -50,7 +52,7 @@ class Classifier(Block):
 
     def ports(self, config: AcceleratorConfig):
         return (
-            inputs("finish", logit=struct("valid", value=signed(config.score_format.width)))
+            inputs("finish", "longest", logit=struct("valid", value=signed(config.score_format.width)))
             | outputs("idle", "ended", o=stream.Signature(decision_layout(config)))
             | (inputs("far") if config.readout_rule.unknown_above else {})
         )
@@ -108,7 +110,7 @@ class Classifier(Block):
             margin=margin_units(config, margin, is_global) if config.wide_decisions else margin,
             step=step,
             is_global=is_global,
-            partial=partial,
+            partial=partial | is_global & self.longest,
             unsure=is_global & unsure,
         )
         m.d.sync += [

@@ -102,6 +102,8 @@ class Engine(wiring.Component):
         Phase B of a step starts in this cycle.
     busy : Out(1)
         A window waits or a step is being computed.
+    partial : Out(1)
+        ``window_mode`` whole: the step is of a touch that was the longest.
     status : Out(ENGINE)
         Of `eskin.rtl.common.status`.
     check_failed : Out(1)
@@ -130,6 +132,7 @@ class Engine(wiring.Component):
                 "started",
                 "busy",
                 "check_failed",
+                "partial",
                 logit=struct("valid", value=signed(config.formats.logit_format.width)),
                 status=ENGINE,
                 feature=probe(),
@@ -294,7 +297,7 @@ class Engine(wiring.Component):
         word, enable = sequencer.word, sequencer.enable
         final = self.final = Signal()  # the step under way is its touch's last
         with m.If(self.released):
-            m.d.sync += final.eq(queue.final)
+            m.d.sync += [final.eq(queue.final), self.partial.eq(queue.partial)]
         m.d.comb += [
             sequencer.restart.eq(final),
             self.started.eq(sequencer.waiting & enable),
@@ -319,14 +322,17 @@ class Engine(wiring.Component):
         )  # scales of length 0 stand at multiples of a power of two
         if not config.hardware.checksum or config.sets == len(config.window_lengths) == 1:
             return lengths
+        check: Value = Const(0)
         if config.sets > 1:  # a check word for each step of a touch
             check = Signal(range(config.sets), name="step")
             with m.If(self.sequencer.ended):
                 m.d.sync += check.eq(Mux(self.final, 0, check + 1))
-        else:  # a check word for each length; it is read when the window has left its buffer
-            check = Signal.like(lengths, name="released_length")
+        # a check word for each length; it is read when the window has left its buffer
+        if config.sets == 1 or config.follows_touch:
+            released = Signal.like(lengths, name="released_length")
             with m.If(self.released):
-                m.d.sync += check.eq(lengths)
+                m.d.sync += released.eq(lengths)
+            check = released if config.sets == 1 else Cat(released, check)
         return Mux(self.sequencer.word.gate[self.layout.check_base.bit_length() - 1], check, lengths)
 
     def _weights(self, m, platform, memory):

@@ -31,12 +31,14 @@ class WindowQueue(wiring.Component):
         The window's length (index), and whether it is the last of its touch.
     any, computing, open : Out(1)
         A window waits; a step is computed, from the cycle after its start; either.
+    partial : Out(1)
+        ``window_mode`` whole: its touch was the longest.
     overrun : Out(1)
-        A window arrives while both buffers are full.
+        A window arrives while both buffers are full; with ``window_mode`` whole it may wait.
     """
 
     def __init__(self, config: AcceleratorConfig, taxel_bits: int):
-        self._inputs = config.inputs
+        self._inputs, self._follows = config.inputs, config.follows_touch
         layout = centred_layout(config)
         super().__init__(
             inputs("hold", "released", "started", "step_done", i=stream.Signature(layout))
@@ -46,6 +48,7 @@ class WindowQueue(wiring.Component):
                 "reading",
                 "waiting",
                 "final",
+                "partial",
                 "any",
                 "computing",
                 "open",
@@ -77,8 +80,13 @@ class WindowQueue(wiring.Component):
             final=finals.bit_select(reading, 1),
             any=full.any(),
             open=full.any() | computing,
-            overrun=self.i.valid & self.i.p.first & full.all(),
+            overrun=self.i.valid & self.i.p.first & full.all() & (not self._follows),
         )
+        if self._follows:
+            partials = Signal(2)
+            m.d.comb += self.partial.eq(partials.bit_select(reading, 1))
+            with m.If(take):
+                m.d.sync += partials.bit_select(writing, 1).eq(self.i.p.partial)
         with m.If(take):
             m.d.sync += [
                 taxel.eq(wrapping_increment(taxel, self._inputs)),

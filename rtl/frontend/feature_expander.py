@@ -105,6 +105,8 @@ class FeatureExpander(Block):
         # --- what follows from the frame: the first of all (of the recording, or of the touch)
         first = Signal(init=1)
         ends = self.i.p.end if config.windows.window_mode == "touch" else Const(0, 1)
+        if config.follows_touch:
+            ends = ~self.i.p.touch | self.i.p.end
         with m.If(frame_taken):
             m.d.sync += first.eq(ends)
 
@@ -128,7 +130,7 @@ class FeatureExpander(Block):
                 frame_in_block = Signal(range(block))
                 block_first, block_last = frame_in_block == 0, reaches(frame_in_block, block - 1)
                 with m.If(frame_taken):
-                    m.d.sync += frame_in_block.eq(Mux(block_last, 0, frame_in_block + 1))
+                    m.d.sync += frame_in_block.eq(Mux(block_last | ends, 0, frame_in_block + 1))
             if block > 1 or config.features.activity_rule == "change":
                 old = keep("block", signed_bits(block * bound))
                 next_state["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
@@ -137,6 +139,8 @@ class FeatureExpander(Block):
                     lone = Signal(init=1)
                     with m.If(frame_taken & block_last):
                         m.d.sync += lone.eq(ends)
+                    with m.If(frame_taken & ends):
+                        m.d.sync += lone.eq(1)
                     next_state["change"] = (
                         Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
                     )

@@ -2,12 +2,13 @@
 3)."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from amaranth.hdl import Cat, Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import connect
 
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
     centred_layout,
     detector_status,
@@ -18,6 +19,7 @@ from eskin.rtl.common import (
     load_signature,
     outputs,
     sample_layout,
+    stored,
     touch_layout,
 )
 from eskin.rtl.frontend.feature_expander import FeatureExpander
@@ -25,12 +27,13 @@ from eskin.rtl.frontend.frame_marks import TouchMarks
 from eskin.rtl.frontend.normaliser import Normaliser
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
+from eskin.rtl.frontend.touch_divider import TouchDivider
 from eskin.rtl.frontend.window_averager import WindowAverager
 
 
 class FrontEnd(wiring.Component):
     """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> FeatureExpander (``feature_kinds`` beyond
-    the mean) -> WindowAverager -> Normaliser.
+    the mean) -> WindowAverager, or TouchDivider (``window_mode`` whole) -> Normaliser.
 
     A synchronous reset (``ResetInserter``) begins a recording. Memories keep their contents, but no later
     recording sees them.
@@ -43,6 +46,8 @@ class FrontEnd(wiring.Component):
     Ports
     -----
     i : In(stream of ``sample_layout``)
+    flush : In(1)
+        ``window_mode`` whole: the recording has ended, and with it the touch under way.
     mask : In(taxels)
     load : In(load_signature)
         The host's writes.
@@ -68,18 +73,15 @@ class FrontEnd(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
-        if config.follows_touch:
-            raise InputError(
-                f"configuration '{config.name}', field window_mode: is 'whole', of which there is no hardware yet; "
-                "use 'free'"
-            )
         self.config, self.detector = config, OnsetDetector(config)
         self.ring = PreTriggerRing(config) if config.windows.window_mode == "touch" else None
-        self.expander = FeatureExpander(config) if expands(config) else None
-        self.averager = WindowAverager(config)
+        beats = stored(config) if config.follows_touch else config
+        self.expander = FeatureExpander(beats) if expands(beats) else None
+        self.averager: Any = (TouchDivider if config.follows_touch else WindowAverager)(config)
         self.normaliser = Normaliser(config, means)
         super().__init__(
             inputs(
+                "flush",
                 i=stream.Signature(sample_layout(config)),
                 mask=config.sensor.taxels,
                 load=load_signature(config),
@@ -118,6 +120,8 @@ class FrontEnd(wiring.Component):
                 self.ring.touch_last.eq(marks.end & windows.frame_last),
             ]
         connect(m, self.averager.o, self.normaliser.i)
+        if self.config.follows_touch:
+            m.d.comb += self.averager.flush.eq(self.flush)
         parts = (self.detector, self.ring, self.expander, self.averager)
         drive(
             m,

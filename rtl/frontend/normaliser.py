@@ -186,5 +186,6 @@ class Normaliser(wiring.Component):
             first=at_first,
             last=at_last,
             final=self.i.p.final,
+            **({"partial": self.i.p.partial} if config.follows_touch else {}),
         )
         return m

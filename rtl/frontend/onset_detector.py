@@ -257,7 +257,11 @@ class OnsetDetector(Block):
         m.submodules.state = state = self.state = TouchState(config)
         drive(m, state, frame_left=frame_left, last=now.last, judged=judged, met=met)
         drive(m, self.status, armed=state.armed, touch=state.touch, started=state.started)
-        if config.windows.window_mode == "touch":
+        if config.follows_touch:
+            loud = now.last & (1 if config.opens_at_once else judged & met)
+            ends = {"end": now.last & state.end, "longest": now.last & state.longest}
+            drive(m, self.o.p, touch=state.touch, loud=loud, **ends)
+        elif config.windows.window_mode == "touch":
             drive(m, self.o.p, touch=state.touch, onset=state.onset)
         else:
             drive(m, state, boundary=now.boundary, recording_first=now.recording_first)

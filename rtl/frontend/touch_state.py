@@ -25,13 +25,15 @@ class TouchState(Block):
         The offered beat is the last of a frame with which a touch begins.
     emit, end : Out(1)
         A window of the touch ends with this frame (free windows); the touch ends with it.
+    longest : Out(1)
+        ``window_mode`` whole: the touch has had ``touch_frames`` frames with this one.
     started : Out(1)
         One cycle: the frame of an onset left (opens at once: the first frame left).
     """
 
     def ports(self, config: AcceleratorConfig):
         return inputs("frame_left", "last", "judged", "met", "boundary", "recording_first") | outputs(
-            "armed", "touch", "onset", "emit", "end", "started"
+            "armed", "touch", "onset", "emit", "end", "longest", "started"
         )
 
     def elaborate(self, platform):
@@ -44,7 +46,9 @@ class TouchState(Block):
         m.d.comb += onset.eq(armed & self.judged & met & self.last)
         judged_every = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
         needed = -(-config.onset_rule.rearm_frames // judged_every)
-        rearming = Const(0, 1) if config.opens_at_once else self.judged & ~armed & ~touch
+        follows = config.follows_touch
+        quiet_counts = ~armed if follows else ~armed & ~touch
+        rearming = Const(0, 1) if config.opens_at_once else self.judged & quiet_counts
         rearmed = Signal()
         if config.windows.window_mode == "touch":
             # While armed: frames before this one in the touch that an onset now would open. In a touch: its
@@ -66,6 +70,20 @@ class TouchState(Block):
             with m.If(frame_left & (end | (rearming & met))):
                 m.d.sync += count.eq(0)
             recording_first = count == 0
+        elif follows:
+            # quiet frames count through the touch and after it: as many of them end both
+            place = self.place = Signal(range(config.last_frame))
+            quiet = self.quiet = Signal(range(needed))
+            m.d.comb += [
+                self.longest.eq(touch & reaches(place, config.last_frame - 1)),
+                rearmed.eq(rearming & ~met & reaches(quiet, needed - 1)),
+                end.eq(touch & (self.longest | rearmed)),
+            ]
+            with m.If(frame_left & touch):
+                m.d.sync += place.eq(Mux(end, 0, place + 1))
+            with m.If(frame_left & rearming):
+                m.d.sync += quiet.eq(Mux(met | rearmed, 0, quiet + 1))
+            recording_first = place == 0
         else:
             step = self.step = Signal(range(config.windows.steps))
             quiet = self.quiet = Signal(range(needed))

@@ -69,7 +69,8 @@ class RecordingState(Block):
         # (What a command changes follows the beats that are on their way. FINISH waits as after a beat: one may
         # have come in the same cycle.)
         late = self.passing & ~quiet.all() & self.spec.hardware.clock_gate
-        with m.If(moving | self.finish_asked | late):
+        # (A touch of ``window_mode`` whole that FINISH ends is still to come out.)
+        with m.If(moving | self.finish_asked | late | (self.finish & self.spec.follows_touch)):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
         drive(

@@ -96,6 +96,9 @@ class Layout:
         self.checks = tuple((length, 0) for length in range(lengths))
         if config.sets > 1:
             self.checks = tuple((length, step) for step, length in enumerate(config.length_index))
+            if config.follows_touch:  # each step with each length, in powers of two
+                every = [min(length, lengths - 1) for length in range(1 << self.scale_bits)]
+                self.checks = tuple((length, step) for step in range(config.sets) for length in every)
         align = 1 << (len(self.checks) - 1).bit_length()
         if config.constants > 1:
             self.check_base = max(align, 1 << (self.scale_words + 1).bit_length())

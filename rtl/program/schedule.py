@@ -53,18 +53,32 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
     means differ from input to input. Any other takes one a taxel, two where a block of activity ends with it,
     or where a ring of one port takes a beat and gives one. The onset rule adds FRAME_EXTRA_CYCLES, features
     beyond the mean three. This also covers the cycles for which frames of fewer than 4 taxels wait for
-    each other. A row of an image takes one a pixel.
+    each other. A row of an image takes one a pixel. With ``window_mode`` whole a frame ends no window, and one that
+    fills the store takes a cycle for each of its words.
     """
     if config.is_image:
         return config.sensor.taxels
     features, windows = config.features, config.windows
-    if ends_window:
+    if config.follows_touch:
+        summed = 1 + ("activity" in features.feature_kinds)
+        per_taxel = summed * (1 + config.stored_sums * ends_window)
+    elif ends_window:
         per_taxel = config.kinds * (3 + windows.window - 2 * windows.hop + (config.constants > 1))
     else:
         one_port = config.hardware.one_port and windows.window_mode == "touch" and not config.opens_at_once
         per_taxel = 1 + (one_port or (ends_block and "activity" in features.feature_kinds))
     beyond = features.feature_kinds != ("mean",)
     return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + 3 * beyond
+
+
+def leaving_cycles(config: AcceleratorConfig) -> int:
+    """The most cycles that a window of ``window_mode`` whole takes to leave the store."""
+    per_value, windows = config.doublings + 6, config.windows
+    reads = sum(
+        config.stored_sums if kind == "integral" else windows.store_per_window
+        for kind in config.features.feature_kinds
+    )
+    return config.sensor.taxels * (config.kinds * per_value + reads) + windows.store_per_window + 2
 
 
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
@@ -87,6 +101,9 @@ def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
     if "activity" in kinds:
         running += taxels / config.features.activity_block
     windows = len({end for _, end in config.window_spans}) / config.last_frame
+    if config.follows_touch:  # the frames that fill the store, and the values that come out at the end
+        windows = config.doublings / config.last_frame
+        running += config.windows.steps * leaving_cycles(config) / config.last_frame
     return running + windows * (frame_cycles(config) - running), plain if ring else running
 
 
@@ -99,4 +116,6 @@ def lowest_clock_hz(config: AcceleratorConfig) -> float:
     for more: see cosim.
     """
     keep_up = step_cycles(config) * config.sensor.scan_rate_hz / config.windows.hop
+    if config.follows_touch:  # all steps before the next touch's first hop is over
+        keep_up *= config.windows.steps * max(1.0, leaving_cycles(config) / step_cycles(config))
     return max(frame_cycles(config) * config.sensor.scan_rate_hz, keep_up)

@@ -181,7 +181,8 @@ class Accelerator(wiring.Component):
             frames = door.o
         wiring.connect(m, frames, front_end.i)
         wiring.connect(m, front_end.o, engine.i)
-        m.d.comb += front_end.mask.eq(control.mask)
+        drive(m, front_end, mask=control.mask, flush=control.finish)
+        m.d.comb += self.classifier.longest.eq(engine.partial)
         drive(m, engine, decider_idle=idle, blank=front_end.blank)
         sums = front_end.averager.o
         drive(m, self.probe.sum, valid=sums.valid & sums.ready, value=~sums.p.complement)

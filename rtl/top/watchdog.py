@@ -6,7 +6,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import Block, inputs, outputs
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.microcode import Microcode
-from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
+from eskin.rtl.program.schedule import frame_cycles, leaving_cycles, schedule, step_cycles
 from eskin.rtl.program.timing import readout_cycles
 
 QUIET_CYCLES = 64
@@ -28,6 +28,8 @@ def longest_wait(config: AcceleratorConfig) -> int:
         if config.windows.window_mode == "touch"
         else 2 * frame_cycles(config)
     )
+    if config.follows_touch:
+        ring += leaving_cycles(config)
     pass_cycles = prototype_words(config) + config.windows.steps if config.readout_rule.taught else 0
     return ring + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
 

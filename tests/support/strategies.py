@@ -102,7 +102,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
     low, span = sample.min_code, sample.max_code - sample.min_code
-    onset, mode = pick(*RESTS), pick("touch", "free")
+    onset, mode = pick(*RESTS), pick("touch", "free", "whole")
     hop, steps, check = pick(2, 3, 4, 5, 7, 8), pick(1, 2, 3, 4, 5, 6), pick(1, 2, 4)
     window, pretrigger, cut = 2 * hop, 0, 0
     if mode == "touch":
@@ -114,6 +114,10 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     fields |= {
         name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()
     }
+    store, longest = pick(2, 4, 6), hop * (steps - 1) + window - cut
+    if mode == "whole":
+        longest = hop * steps * pick(1, 3, 9)
+        fields["decision"] = "vote" if fields["decision"] == "vote" else "last"
     fields |= dict(
         name="random",
         taxels=taxels,
@@ -137,7 +141,8 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         fault_frames=(pick(0, 0, 4) if sample.width >= 4 else 0) * check,
         window_mode=mode,
         pretrigger_frames=pretrigger,
-        touch_frames=hop * (steps - 1) + window - cut,
+        touch_frames=longest,
+        store_per_window=store,
         hop=hop,
         window=window,
         steps=steps,
@@ -307,7 +312,6 @@ def differences(design: Design, folder: Path) -> list[str]:
         how = replace(how, pace="declared", clock_hz=clock)
     result = cosimulate(model, recordings, how, work=folder)
     way = result.conversion
-    broken = [f"{way.faults} faults, {way.violations} violations"] * bool(
-        way and (way.faults or way.violations)
-    )
+    wrong = way is not None and (way.faults or way.violations)
+    broken = [f"{way.faults} faults, {way.violations} violations"] if way and wrong else []
     return [*result.mismatch_list, *broken, *([] if result.bit_exact else ["not bit-exact"])]

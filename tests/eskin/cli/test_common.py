@@ -8,7 +8,7 @@ import pytest
 
 from eskin.cli.common import INPUT_WORDS, OUTPUTS, app, check_outputs
 from eskin.cli.main import VERBS
-from eskin.requests import EnrolRequest, parse_count, parse_lanes
+from eskin.requests import EnrolRequest, parse_count, parse_lanes, spelled
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row, refused
 
@@ -95,3 +95,8 @@ def test_numbers_that_are_none_are_one_short_sentence(text):
         before = {parse_configuration: "icebreaker:"}.get(reader, "")
         with refused("^.{20,250}$"):
             reader(f"{before}{text}")
+
+
+def test_a_field_becomes_the_option_that_sets_it():
+    fields = "`clock_hz` 9: `class_`, `with_`, `k`, `threads`, `weight_bits`, `no_link`, `nothing`"
+    assert spelled(fields) == "--clock 9: --class, --with, -k, --jobs, --weight-bits, --no-link, `nothing`"

@@ -1,0 +1,49 @@
+"""Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature."""
+
+import pytest
+
+from tests.support.small_designs import TRACKED
+from tests.support.strategies import Design, differences
+
+BASE = TRACKED.replace(
+    window_mode="whole",
+    pretrigger_frames=0,
+    feature_kinds=("mean",),
+    hop=3,
+    window=6,
+    steps=4,
+    store_per_window=4,
+    touch_frames=200,
+    rearm_frames=9,
+)
+DESIGNS = {
+    "a taxel, beats every third cycle": {"taxels": 1},
+    "a window": {"taxels": 2, "steps": 1, "store_per_window": 2},
+    "linear, ended by its longest touch": {
+        "cell": "linear",
+        "decision": "last",
+        "steps": 5,
+        "store_per_window": 6,
+        "touch_frames": 40,
+    },
+    "all kinds, changes": {
+        "feature_kinds": ("mean", "activity", "integral"),
+        "activity_rule": "change",
+        "steps": 5,
+        "store_per_window": 2,
+        "feature_scale": "taxel",
+    },
+    # its companded value is wider than any sum that is stored
+    "an integral of few codes": {
+        "feature_kinds": ("integral",),
+        "clip": 7,
+        "integral_knee": 0,
+        "touch_frames": 18,
+    },
+    "a fault detector": {"fault_frames": 16, "fault_activity": 3},
+}
+
+
+@pytest.mark.parametrize("title", DESIGNS)
+def test_every_stage_is_golden(tmp_path, title):
+    assert not differences(Design(BASE.replace(**DESIGNS[title]), 7, True), tmp_path)
