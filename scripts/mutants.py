@@ -2,7 +2,7 @@
 broken file see it.
 
 A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
-and conditions that only lead to one (error messages), assertions (``strict`` too), decorators and default arguments: none of
+and conditions that only lead to one (error messages), assertions (``strict`` too), ``reset_less``, decorators and default arguments: none of
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
@@ -124,7 +124,7 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             below = [
                 func,
                 *args,
-                *(word.value for word in words if word.arg not in ("name", "dtype", "strict")),
+                *(word.value for word in words if word.arg not in ("name", "dtype", "strict", "reset_less")),
             ]
         case _:
             yield from _value_faults(node)

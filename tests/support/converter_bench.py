@@ -57,6 +57,8 @@ def play_frames(
                 codes.clear()
                 between(len(ended))
         ctx.set(dut.start, 0)
+        await ctx.tick().repeat(150)
+        assert ctx.get(dut.away) or not ctx.get(dut.busy), "no frame begins unasked"
 
     bench.process(drive)
     bench.run()

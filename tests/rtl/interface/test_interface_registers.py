@@ -68,11 +68,13 @@ def test_the_latest_position_and_how_many():
                 count,
             ]
         await write(*CLEAR)
+        await write(63, 0xFFFF)
+        await read(ARM[0])
         assert not ctx.get(dut.armed)
         await write(*ARM)
         assert await read(InterfaceRegister.POSITIONS) == 0 and ctx.get(dut.armed)
 
-    assert play(body) == [CLEAR, ARM]
+    assert play(body) == [CLEAR, (63, 0xFFFF), (ARM[0], None), ARM]
 
 
 def test_faults_stay_until_they_are_cleared():
