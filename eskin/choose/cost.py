@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, get_args
 
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 
 Prefer = Literal["energy", "cells", "latency"]
 """Cost to minimise among candidates that are tied in accuracy; energy: average power, then energy of a touch."""
@@ -76,13 +76,6 @@ class CostModel:
     def is_candidate(self, config: AcceleratorConfig) -> bool:
         """False if the user named a board that is too small for ``config``."""
         return not self.named or self.fits(config)
-
-    def can_build(self, config: AcceleratorConfig) -> bool:
-        """False if no hardware has these windows."""
-        try:
-            return self.blocks_of(config) >= 0
-        except InputError:
-            return False
 
     def row(self, config: AcceleratorConfig) -> dict[str, Any]:
         """The costs of a candidate as training.json has them."""

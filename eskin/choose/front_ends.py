@@ -57,10 +57,6 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Number of pairs of gate and windows on which kinds of feature are tried. A gate that is this many standard
 errors behind the best is not tried with further windows."""
 
-WHOLE, UNDOUBLED = ((8, 8), (20, 8), (12, 4)), 8
-"""Windows that follow the touch: their number, and the most sums of each. A touch of 1 / UNDOUBLED of the longest
-fills the store before the hop doubles."""
-
 DESCENT = 16
 """Highest number of cheaper neighbours that are judged."""
 
@@ -459,16 +455,6 @@ def kinds_of_feature(search: FrontEndSearch) -> Request:
     )
 
 
-def windows_of_the_touch(search: FrontEndSearch) -> Request:
-    """Windows that divide the whole touch, in means, on the best SURVIVORS gates."""
-    longest = int(search.front_ends.recordings.lengths.max())
-    gates: dict[Any, AcceleratorConfig] = {}
-    for one in search.ranked(search.near()):
-        gates.setdefault((one.config.rest_level, one.config.onset_rule), one.candidate.front_end)
-    found = [whole(at, longest, *parts) for at in [*gates.values()][:SURVIVORS] for parts in WHOLE]
-    return _screened(one for one in found if one and search.prices.can_build(one))
-
-
 def around_the_best(search: FrontEndSearch) -> Request:
     """Other windows and thresholds of the best."""
     return _screened(_around(best_of(search.tried).candidate.front_end, search.by_gate))
@@ -504,7 +490,6 @@ MOVES: tuple[Move[FrontEndSearch], ...] = (
     Move("usual windows of every gate", usual_windows),
     Move("further windows", further_windows),
     Move("kinds of feature", kinds_of_feature),
-    Move("windows of the whole touch", windows_of_the_touch),
     Move("windows and thresholds around the best", around_the_best),
     Move("fewer scans", fewer_scans),
     Move("cheaper neighbours", cheaper_neighbours, repeats=DESCENT),
@@ -611,15 +596,6 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
         tried.append(valid(at, steps=max(2 * windows.steps // 3, 1)))
         tried.append(valid(at, hop=shorter, window=2 * shorter, activity_block=block))
     return filter(None, tried)
-
-
-def whole(at: AcceleratorConfig, longest: int, steps: int, sums: int) -> AcceleratorConfig | None:
-    """``at`` with means of windows that divide the whole touch, of ``longest`` frames of the source at most."""
-    frames = -(-longest // at.sensor.scan_every)
-    hop = max(frames // (steps * sums * UNDOUBLED), 1)
-    windows = dict(hop=hop, window=2 * hop, steps=steps, store_per_window=sums, pretrigger_frames=0)
-    frames = min(max(frames, hop * steps), 65535)
-    return valid(at, window_mode="whole", touch_frames=frames, feature_kinds=("mean",), **windows)
 
 
 def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
