@@ -248,7 +248,7 @@ def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandid
 
 def _cheapest(level: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
     """The cheapest of tied candidates; one that fits the board goes first."""
-    level = prices.sorted(level, lambda one: one.config)
+    level = prices.sorted(level, lambda scored: scored.config)
     return next((one for one in level if prices.fits(one.config)), level[0])
 
 

@@ -157,8 +157,8 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
 
 
 def decides_early(candidates: Sequence[Record]) -> Record | None:
-    """The candidate with the best score of those that decide in half the time of the one taken, which
-    ``--prefer latency`` finds; None: there is none."""
+    """The candidate with the best score that decides in half the time of the chosen candidate; ``--prefer latency``
+    takes it. None: there is no such candidate."""
     timed = [row for row in candidates if row.get("decision_time_s") is not None]
     latest = next((row["decision_time_s"] / 2 for row in timed if row["chosen"]), 0.0)
     early = [row for row in timed if row["decision_time_s"] <= latest]

@@ -400,7 +400,7 @@ def more_windows(search: NetworkSearch) -> Request:
         return Request()
     ahead = ahead_of(search)[0].candidate.front_end
     spread = search.in_price(search.like_calm(on) for on in hardening.spread(ahead))
-    ons = [one.front_end for one in spread][:: 2 if search.effort.brief else 1]
+    ons = [candidate.front_end for candidate in spread][:: 2 if search.effort.brief else 1]
     return search.request(
         search.in_price(search.like_calm(on, fit) for on in ons for fit in search.effort.sturdy)
     )
@@ -412,8 +412,8 @@ def robust_recurrent(search: NetworkSearch) -> Request:
     if calm is None or hardening is None:
         return Request()
     gates: dict[Any, AcceleratorConfig] = {}
-    for one in sorted(search.tried, key=lambda one: -one.accuracy):
-        on = one.candidate.front_end
+    for scored in sorted(search.tried, key=lambda scored: -scored.accuracy):
+        on = scored.candidate.front_end
         if not on.opens_at_once:
             gates.setdefault((on.rest_level, on.onset_rule), on)
     sturdiest = sorted(gates.values(), key=hardening.stress.false_onsets)[:GATES_AHEAD]

@@ -186,7 +186,7 @@ class Panel:
         once."""
         key = config.rest_level, config.onset_rule
         if key not in self._gates:
-            # every taxel in turn: one that is missed may be the one that opens the gate
+            # every taxel in turn: any single taxel may open the gate
             scene, total = replace(self.brief._scene(config), turns=self._turns), 0.0
             for mode, experiment in self._modes(config):
                 if experiment.gate_only or mode.name in LOUDER:
