@@ -43,8 +43,8 @@ class Growing(Fixed):
         return np.floor((super().state(products) + self._error).clip(fmt.min_code, fmt.max_code))
 
 
-def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
-    which = list(config.length_index[: sums.shape[1]])
+def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None, lengths=None):
+    which = list(config.length_index[: sums.shape[1]]) if lengths is None else lengths
     mean, scale, shift = (
         by_input(config, mean)[which],
         by_input(config, scale)[which],

@@ -326,7 +326,7 @@ def test_what_is_no_group_is_not_left_out(values, why):
     assert no_group(np.array(values), labels) == why
     made = Recordings.of(SIGNALS, labels, sample_rate_hz=100, groups={"hand": values})
     if why:
-        with refused(f"array hand {why.rstrip(',')}.* --group"):
+        with refused(f"array hand {why.rstrip(',')}.* `group`"):
             check_split(made, ["hand"], 2)
     else:
         check_split(made, ["hand"], 2)

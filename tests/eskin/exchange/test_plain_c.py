@@ -73,6 +73,10 @@ def exported(config: AcceleratorConfig, seed: int, folder: Path) -> dict:
 @given(configurations(), st.integers(1, 99))
 def test_random_models_decide_as_the_golden_one(tmp_path_factory, config, seed):
     folder = tmp_path_factory.mktemp("c") / "exported"
+    if config.follows_touch:
+        with refused("window_mode: is 'whole', which C does not have yet"):
+            exported(config, seed, folder)
+        return
     count = exported(config, seed, folder)["decisions"]
     assert verdict(folder, *SANITIZED) == f"{count} decisions compared, 0 different\n"
 

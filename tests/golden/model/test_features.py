@@ -46,7 +46,7 @@ FREE = CASES["one block"].replace(
             "feature_kinds: 3 kinds of 171 taxels make 513 inputs, above the limit of 512",
         ),
         ({"feature_shift": (99,)}, "feature_shift: must lie in -10..15"),
-        ({"feature_kinds": FEATURE_KINDS, "clock_hz": 20e3}, "4 taxels with 3 kinds .* at least 24000"),
+        ({"feature_kinds": FEATURE_KINDS, "clock_hz": 15e3}, "3 taxels with 3 kinds .* at least 18000"),
     ],
 )
 def test_what_cannot_work_is_refused_with_what_does(changes, match):
