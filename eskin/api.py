@@ -139,7 +139,7 @@ class Model:
         self._fitted: tuple[np.ndarray, np.ndarray] | None = None  # of each class: label, share
 
     def _asked(self) -> tuple[AcceleratorConfig | None, Record]:
-        """(configuration, fields of `Wanted`) that the parameters ask for."""
+        """(configuration, fields of `TrainingSettings`) that the parameters ask for."""
         values = self._parameters
         config, groups = values["config"], values["groups"]
         words = [groups] if isinstance(groups, str) else groups if isinstance(groups, (list, tuple)) else []
@@ -259,7 +259,7 @@ class Model:
         """
         from eskin.choose.choice import train_chosen
         from eskin.training.integers import quantise
-        from eskin.training.wanted import Wanted
+        from eskin.training.settings import TrainingSettings
         from eskin.verbs.cost import cost_model
 
         asked, options = self._asked()
@@ -278,7 +278,7 @@ class Model:
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
             prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
-            wanted = Wanted(out=folder, **options)
+            wanted = TrainingSettings(out=folder, **options)
             train_chosen(recordings, asked, prices, wanted, progress=progress, callback=callback)
             quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)

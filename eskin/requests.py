@@ -16,7 +16,7 @@ from eskin.choose.cost import Prefer
 from eskin.cosim.simulation import Simulation
 from eskin.golden.core import InputError, Record
 from eskin.golden.core.groups import Readout, Reset
-from eskin.training.wanted import Wanted, parse_names
+from eskin.training.settings import TrainingSettings, parse_names
 
 Cell = Literal["gru", "lstm", "linear"]
 CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
@@ -122,7 +122,7 @@ class FrontEndOptions(DataOptions):
 
 
 @request
-class ChoiceOptions(Wanted, FrontEndOptions):
+class ChoiceOptions(TrainingSettings, FrontEndOptions):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
     group: str | None = option("Group arrays A[,B..] kept on one side of every split.")

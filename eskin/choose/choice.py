@@ -67,10 +67,10 @@ from eskin.training.judge import (
     judge,
 )
 from eskin.training.losses import Callback
+from eskin.training.settings import TrainingSettings
 from eskin.training.splits import check_split, default_splits, over_groups, split_folds
 from eskin.training.times import step_times
 from eskin.training.train import train
-from eskin.training.wanted import Wanted
 
 if TYPE_CHECKING:
     from eskin.study.stability.panel import Panel
@@ -325,6 +325,7 @@ class Searched:
         """Choices that each see only one of ``parts``."""
         plan, settings = self.plan, self.settings
         recordings, searches = settings.recordings, list[NetworkSearch]()
+        hardening = plan.hardening(settings.stress)  # once: folds ask for the same sturdier front ends
         for part in parts:
             folds = [part[rows] for rows in inner_folds(recordings.subset(part), settings.groups)]
             front_ends = Listed.alone(plan.config)
@@ -338,7 +339,7 @@ class Searched:
                     effort=INSIDE.by(recordings, folds),
                     rows=part,
                     tests=folds,
-                    hardening=plan.hardening(settings.stress),
+                    hardening=hardening,
                 )
             )
         return choose_networks(searches, settings)
@@ -441,7 +442,7 @@ def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
     prices: CostModel,
-    wanted: Wanted,
+    wanted: TrainingSettings,
     *,
     plan: Plan | None = None,
     stress: Panel | None = None,

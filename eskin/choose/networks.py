@@ -155,7 +155,7 @@ INSIDE = Effort(
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The user's request about the network; None: no request. `eskin.training.wanted.Wanted` defines each
+    """The user's request about the network; None: no request. `eskin.training.settings.TrainingSettings` defines each
     field. open: True if the network is chosen."""
 
     cell: str | None = None

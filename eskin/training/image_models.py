@@ -26,9 +26,9 @@ from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
 from eskin.training.judge import Decided, Rows, folds_of, judge, named
 from eskin.training.level import is_level
+from eskin.training.settings import TrainingSettings
 from eskin.training.splits import split_folds
 from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge_fold, train_network
-from eskin.training.wanted import Wanted
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -80,7 +80,7 @@ def chosen_config(
 def train_image_model(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    wanted: Wanted,
+    wanted: TrainingSettings,
     *,
     recipe: ImageRecipe | None = None,
     keep: Memo | None = None,

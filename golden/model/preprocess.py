@@ -130,12 +130,12 @@ class Ended:
         return self.end - self.start + 1 == config.last_frame
 
 
-Windows = tuple[tuple[tuple[int, int], ...], np.ndarray, int]
+Division = tuple[tuple[tuple[int, int], ...], np.ndarray, int]
 """Of one touch: first and last frame of each window, 1-based from the touch's first; the index of each one's length;
 how often the hop has doubled."""
 
 
-def divided(config: AcceleratorConfig, ended: Ended) -> Windows:
+def divided(config: AcceleratorConfig, ended: Ended) -> Division:
     """The windows that divide a touch (section 2, ``window_mode`` whole)."""
     steps, hop, frames = config.windows.steps, config.windows.hop, ended.end - ended.start + 1
     doublings = (frames // hop // config.stored_sums).bit_length()

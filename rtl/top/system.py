@@ -32,7 +32,7 @@ Bus = Literal["wishbone", "axi4lite"]
 """Buses that there is a front for."""
 FRONTS: Record = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront}
 Source = Literal["host", "stream", "converter"]
-"""Sender of the frames: the sender of the model, an AXI-Stream, or the configuration's converter."""
+"""Source of the frames: the host that sends the model, an AXI-Stream, or the configuration's converter."""
 Host = Literal["link", "wishbone", "axi4lite"]
 """Sender of the model: a host over a `UartLink`, a CPU behind a `BusShell`."""
 

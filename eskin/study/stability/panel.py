@@ -184,7 +184,7 @@ class Panel:
         """Sum over modes of the shares of recordings in which the gate opens when it must not: those of gates
         alone, and those that make taxels louder all along. The windows hardly matter, so gates are looked at
         once."""
-        key = config.rest_level, config.onset_rule
+        key = config.rest_level, config.onset_rule, config.sensor.scan_every
         if key not in self._gates:
             # every taxel in turn: any single taxel may open the gate
             scene, total = replace(self.brief._scene(config), turns=self._turns), 0.0

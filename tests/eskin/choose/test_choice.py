@@ -17,8 +17,8 @@ from eskin.training import splits as splitting
 from eskin.training import train
 from eskin.training.integers import quantise
 from eskin.training.judge import cross_validate
+from eskin.training.settings import TrainingSettings
 from eskin.training.splits import over_groups, split_folds
-from eskin.training.wanted import Wanted
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import by_person, gripped_recordings
 from tests.support.prices import priced
@@ -33,7 +33,7 @@ def gripped() -> Recordings:
 
 
 def trained(recordings, asked, tmp_path, **options):
-    request = Wanted(out=tmp_path / "m", **{**FEW, **options})
+    request = TrainingSettings(out=tmp_path / "m", **{**FEW, **options})
     return train_chosen(recordings, asked, priced(), request)
 
 

@@ -19,8 +19,8 @@ from eskin.training.image_models import CANDIDATES, _candidate_rows, image_confi
 from eskin.training.integers import quantise
 from eskin.training.judge import folds_of, judge
 from eskin.training.made_up import random_images
+from eskin.training.settings import TrainingSettings
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
-from eskin.training.wanted import Wanted
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
 
@@ -42,7 +42,7 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    request, kept = Wanted(out=out, folds=2), Memo(out.parent / "kept")
+    request, kept = TrainingSettings(out=out, folds=2), Memo(out.parent / "kept")
     record = train_image_model(scene, config(), request, recipe=QUICK, workers=1, keep=kept)
     return out, scene, record
 

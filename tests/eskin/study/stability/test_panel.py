@@ -30,7 +30,7 @@ from eskin.study.stability.panel import OTHER_SEED, PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.judge import Fold
 from eskin.training.recipe import RECIPES
-from eskin.training.wanted import Wanted
+from eskin.training.settings import TrainingSettings
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
 from tests.support.table import each_row, refused
@@ -162,7 +162,7 @@ def gate_costs(config: AcceleratorConfig) -> Cost:
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
     """Touches that any network knows, behind a gate that one bad sample opens."""
     scene = stability_case.recordings(36)
-    request = Wanted(out=tmp_path / "model", folds=2, seeds=1, group="trial")
+    request = TrainingSettings(out=tmp_path / "model", folds=2, seeds=1, group="trial")
     panel = Panel(scene, {"one-sample glitch before the touch": 1.0, "one dead taxel, worst": 1.0}, 24)
     calm, heeded = (
         train_chosen(scene, None, priced(cost_of=gate_costs), request, stress=of) for of in (None, panel)

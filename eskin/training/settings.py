@@ -1,12 +1,12 @@
-"""What a training is asked for."""
+"""Settings of a training."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """What a training is asked for; None: the default, or it is chosen.
+class TrainingSettings:
+    """Settings of a training; None: the default, or the training chooses.
 
     Attributes
     ----------
