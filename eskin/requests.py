@@ -374,6 +374,10 @@ class EnergyRequest(ModelDataOptions):
         "Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"
     )
     recordings: int = option("Number of recordings to simulate.", 2, min=1)
+    touches: float = option("Touches a minute, for the average power.", 60.0, min=0)
+    measured: Path | None = option(
+        "An instrument's CSV file: time, current, voltage; printed beside the estimate.", metavar="FILE"
+    )
     out: Path = option("Folder for energy.json.", Path("build/energy"))
 
 

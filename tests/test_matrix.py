@@ -132,7 +132,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("linear", "image"),
     ),
     "energy": (
-        "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
+        "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --touches 6 --out {out}",
         (),
     ),
     "asic": ("asic {model} --pdk ihp-sg13g2 {liberty} --out {out}/chip", ("image",)),

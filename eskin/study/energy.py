@@ -6,8 +6,10 @@ measurements, with its band.
     E(preprocess) = frames of a touch * (cycles * e_clock + toggles * e_toggle)
                                                         (a frame without a touch takes fewer cycles)
     P(idle)       = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
-    P(average)    = P(idle) + touches a second * what the steps add
+    P(average)    = P(idle) + touches a second * energy that the steps add
     hours         = 1000 mAh * 5 V / P(average)         (thesis, equation 5.1: 18 000 J)
+
+`bitstream_power` is the same for the bitstream that `eskin build` makes, with its converter.
 
 Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken
 from the cycles of the schedule (`scheduled_activity`). No board was measured: one published source, one
@@ -17,11 +19,19 @@ board, small designs with little fan-out, no block RAM. A figure is therefore ac
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
+import numpy as np
+
+from eskin.data.table import Reading
+from eskin.data.text import read_text
 from eskin.golden.core import AcceleratorConfig, Record, Result, converter_plan
 
 BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
+CR2032_J = 225e-3 * 3.0 * 3600
+"""A coin cell: 225 mAh at 3 V, the usual rating; losses of a regulator are in no figure."""
+DAY_S = 86400.0
 TOUCHES_PER_S = 1.0
 
 
@@ -32,8 +42,8 @@ class Part:
     static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock
     network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
     wires. multiply_j: a multiplier whose operands changed. oscillator_w: for each clock of the part's own
-    oscillator, Hz, the power of all supplies with a small counter. band: factor either way. rests_on: where the
-    figures come from.
+    oscillator, Hz, the power of all supplies with a small counter. boot_j, boot_s: energy and time of a start from
+    flash; None: no figure. band: factor either way. rests_on: where the figures come from.
     """
 
     name: str
@@ -42,6 +52,8 @@ class Part:
     toggle_j: float = 0.2e-12
     multiply_j: float = 0.0
     oscillator_w: Mapping[float, float] = field(default_factory=dict)
+    boot_j: float | None = None
+    boot_s: float = 0.0
     band: float
     rests_on: str
 
@@ -59,11 +71,13 @@ PARTS = {
             static_w=151e-6,
             multiply_j=24e-12,
             oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
+            boot_j=0.54e-3,
+            boot_s=70e-3,
             band=2.0,
             rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, "
             "all supplies, core at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; "
-            "0.2 pJ a register bit that changes; at most 24 pJ a multiply. The source has no figure for "
-            "block RAM.",
+            "0.2 pJ a register bit that changes; at most 24 pJ a multiply; 0.2 to 0.54 mJ a start from flash. "
+            "The source has no figure for block RAM.",
         ),
         Part(
             name="LFE5U-25F",
@@ -143,6 +157,37 @@ class Estimate(Result):
     idle_w: float
     choices: list[Choice]
     interface: ConverterPower | None
+
+
+class Power(Result):
+    """Power that a battery sees: of a bitstream as it is built, and of its converter; an estimate.
+
+    waiting_w: part_w and converter_w, without a touch. average_w: with deciding_w, which touches_per_minute add.
+    oscillators_w: of part_w, the clocks that run. oscillator: which. days_...: at average_w, of a CR2032 and of
+    1000 mAh at 5 V. switch_off: the pause between touches from which on a part that is off in it takes less.
+    """
+
+    touches_per_minute: float
+    waiting_w: float
+    average_w: float
+    part_w: float
+    oscillators_w: float
+    converter_w: float
+    deciding_w: float
+    oscillator: str
+    days_cr2032: float
+    days_1000mah: float
+    switch_off: str
+
+
+class Measured(Result):
+    """Mean power that an instrument recorded; volt: mean voltage."""
+
+    file: str
+    seconds: float
+    samples: int
+    volt: float
+    mean_w: float
 
 
 COMPUTE_BLOCKS = ("cell", "classifier")
@@ -293,6 +338,92 @@ def converter_power(config: AcceleratorConfig) -> ConverterPower | None:
         found.per_touch_j = power * config.touch_s
         found.rests_on = f"{converter.stated}; never idle, so an upper figure at this rate; not measured"
     return found
+
+
+def bitstream_power(
+    config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float, per_minute: float = 60.0
+) -> Power:
+    """Power of the bitstream that `eskin build` makes: the board's clock never stops.
+
+    Parameters
+    ----------
+    clock_hz:
+        Of the bitstream. per_minute: touches.
+    """
+    part = PARTS[part] if isinstance(part, str) else part
+    clock_w = clock_hz * part.clock_j
+    switched = activity.step_toggles * part.toggle_j + activity.step_multiplies * part.multiply_j
+    changes = clock_hz * activity.idle_toggles + config.sensor.scan_rate_hz * activity.frame_toggles
+    part_w = part.static_w + clock_w + changes * part.toggle_j
+    deciding_w = per_minute / 60 * config.windows.steps * switched
+    converter_w, converter = 0.0, config.interface.converter
+    if (found := converter_power(config)) is not None:
+        converter_w = (found.scanning_w if converter.sleeps_unselected else found.power_w) or 0.0
+    waiting_w = part_w + converter_w
+    average_w = waiting_w + deciding_w
+    return Power(
+        touches_per_minute=per_minute,
+        waiting_w=waiting_w,
+        average_w=average_w,
+        part_w=part_w,
+        oscillators_w=clock_w,
+        converter_w=converter_w,
+        deciding_w=deciding_w,
+        oscillator=f"{clock_hz / 1e6:g} MHz from outside, always on; the oscillator's own supply is not included",
+        days_cr2032=CR2032_J / average_w / DAY_S,
+        days_1000mah=BATTERY_J / average_w / DAY_S,
+        switch_off=_switch_off(part, waiting_w),
+    )
+
+
+def _switch_off(part: Part, waiting_w: float) -> str:
+    """Advice without hardware: off between touches, against waiting; empty where the part has no figure."""
+    if part.boot_j is None:
+        return ""
+    return (
+        f"where pauses between touches last longer than {part.boot_j / waiting_w:.2g} s, switch the part off in them: a start "
+        f"from flash takes {1e3 * part.boot_j:.2g} mJ and {1e3 * part.boot_s:.0f} ms, in which a touch is not seen; a comparator "
+        "on the sensor (1 to 5 uW) wakes it"
+    )
+
+
+SUPPLY_VOLT = 3.3
+"""Of an instrument's file without a voltage: the boards' rail."""
+PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+
+
+def measured_power(path: Path) -> Measured:
+    """Mean power of a record of an instrument: a CSV file with the columns time, current and, if known, voltage,
+    by name or without a header in this order; in s, A and V unless the header says otherwise, as in ``Current
+    (uA)``. Power is a straight line between two samples.
+
+    Raises
+    ------
+    InputError
+        It is no such table, or its times do not rise.
+    """
+    table = read_text(path, Reading())
+    header = [name.lower() for name in table.header()]
+    columns = []
+    for place, word in enumerate(("time", "current", "volt")):
+        named = [column for column, name in enumerate(header) if name.startswith(word)]
+        columns += named[:1] or [place] * (not header and place < table.width)
+    if len(columns) < 2:
+        table.refuse("is no record of an instrument; give columns time (s), current (A) and voltage (V)")
+    units = ["".join(table.units_of([column])) for column in columns]
+    scales = [PREFIXES.get(unit[:-1], 1.0) for unit in units]
+    seconds, ampere, *volts = (table.numbers(columns) * scales).T
+    if len(seconds) < 2 or (np.diff(seconds) <= 0).any():
+        table.refuse("its times do not rise; give one row per sample")
+    volt = volts[0] if volts else np.full(len(seconds), SUPPLY_VOLT)
+    duration = seconds[-1] - seconds[0]
+    return Measured(
+        file=str(path),
+        seconds=float(duration),
+        samples=len(seconds),
+        volt=float(volt.mean()),
+        mean_w=float(np.trapezoid(ampere * volt, seconds) / duration),
+    )
 
 
 def in_words(power: ConverterPower) -> str:

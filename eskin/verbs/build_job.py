@@ -48,7 +48,7 @@ from eskin.rtl.program.schedule import (
     step_cycles,
 )
 from eskin.rtl.top.system import BAUD, refuse_standalone
-from eskin.study.energy import PARTS, estimate, scheduled_activity
+from eskin.study.energy import PARTS, bitstream_power, estimate, scheduled_activity
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
@@ -342,6 +342,7 @@ def _result(
         [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
     )
     activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), total["dsp"])
+    modelled = target.device in PARTS
     return {
         "target": target.name,
         "device": target.device,
@@ -370,7 +371,8 @@ def _result(
         },
         "lowest_clock_hz": lowest_clock_hz(config),
         "budgets": _budgets(config, wanted_hz),
-        "energy": estimate(config, target.device, activity, needed_hz) if target.device in PARTS else None,
+        "energy": estimate(config, target.device, activity, needed_hz) if modelled else None,
+        "power": bitstream_power(config, target.device, activity, wanted_hz) if modelled else None,
         "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}",
     }
 

@@ -26,7 +26,7 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study import energy
-from eskin.study.energy import Estimate
+from eskin.study.energy import Estimate, Measured, Power
 from eskin.study.touch_ends import with_touches
 from eskin.verbs.flow import expected_of, netlist_of
 
@@ -38,7 +38,8 @@ RESULT = "energy.json"
 
 
 class Configuration(Estimate):
-    """A board with a number of lanes of a type; its cells by type."""
+    """A board with a number of lanes of a type; its cells by type. power: of its bitstream, at the board's
+    clock."""
 
     name: str
     target: str
@@ -46,13 +47,15 @@ class Configuration(Estimate):
     lane_type: str
     cells: dict[str, int]
     bit_exact: bool
+    power: Power | None = None
 
 
 class Energies(Result):
-    """energy.json. passed: all are bit-exact."""
+    """energy.json. passed: all are bit-exact. measured: an instrument's record."""
 
     configurations: list[Configuration]
     passed: bool
+    measured: Measured | None = None
 
 
 def parse_configuration(text: str) -> tuple[str, int, str]:
@@ -72,6 +75,7 @@ def measure(
     lane_type: str,
     *,
     work: Path,
+    touches: float = 60.0,
 ) -> Configuration:
     """Activity and estimate of one configuration.
 
@@ -80,7 +84,7 @@ def measure(
     numbers, recordings:
         Of `with_touches`.
     work:
-        Folder for design, vectors and captures.
+        Folder for design, vectors and captures. touches: a minute.
     """
     requested = model.config.with_lanes(lanes, lane_type)
     config = requested.replace(converter="none")  # frames as recorded: the chain alone is counted
@@ -106,6 +110,7 @@ def measure(
         quiet_frame_cycles=mean_frame_cycles(config)[1],
         step_cycles=(full.registers["LONGEST"] or 0) + logit_to_decision(config) - 1,
     )
+    board = find_target(target)
     return Configuration(
         name=f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
         target=target,
@@ -113,7 +118,8 @@ def measure(
         lane_type=lane_type,
         cells=cells,
         bit_exact=all(result.bit_exact for result in (lowest, full, slow)),
-        **dict(energy.estimate(requested, find_target(target).device, activity, lowest.clock_hz)),
+        power=energy.bitstream_power(requested, board.device, activity, board.clock_hz, touches),
+        **dict(energy.estimate(requested, board.device, activity, lowest.clock_hz)),
     )
 
 
@@ -138,13 +144,23 @@ def job(
             raise InputError(
                 f"--configuration {target}: there is no energy model of its part; use another board"
             )
+    measured = energy.measured_power(request.measured) if request.measured else None
     numbers, chosen = with_touches(model, recordings, request.recordings)
     rows = []
     for number, (target, lanes, kind) in enumerate(boards):
         notify(f"configurations measured, now {target} with {lanes} lanes", number, len(boards))
         rows.append(
-            measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
+            measure(
+                model,
+                numbers,
+                chosen,
+                target,
+                lanes,
+                kind,
+                work=work / f"{target}{lanes}{kind}",
+                touches=request.touches,
+            )
         )
-    result = Energies(configurations=rows, passed=all(row.bit_exact for row in rows))
+    result = Energies(configurations=rows, passed=all(row.bit_exact for row in rows), measured=measured)
     write_json(request.out / RESULT, result)
     return result

@@ -82,6 +82,8 @@ class Converter(Group):
     figure."""
     stated: ClassVar[str] = ""
     """Data sheet and conditions that ``watt`` is taken from."""
+    sleeps_unselected: ClassVar[bool] = False
+    """It takes next to nothing while its select is high, without any command."""
 
     name: StrictStr = field(repr=False)
     hz: Annotated[Real, Ge(0)] = 0.0

@@ -32,7 +32,7 @@ class SpiChip:
     the channel's number in it (0 bits: none); zeros: bits of it that are 0 by the data sheet. sclk_hz,
     conversions_hz: highest rates. high_s, lead_s: shortest time with select high between transfers, and from
     its fall to the first clock. most: largest number of chips (0: any number); instead: advice for more
-    taxels. watt, stated: as in `Converter`.
+    taxels. watt, stated, sleeps_unselected: as in `Converter`.
     """
 
     bits: int
@@ -53,6 +53,7 @@ class SpiChip:
     instead: str = ""
     watt: float | None = None
     stated: str = ""
+    sleeps_unselected: bool = False
 
 
 SPI_CHIPS: dict[str, SpiChip] = {
@@ -90,6 +91,7 @@ SPI_CHIPS: dict[str, SpiChip] = {
         instead="two chips have 16 channels: use fewer taxels or another converter",
         watt=320e-6 * 5.0,
         stated="DS21298: 320 uA typical while active, 5 V",
+        sleeps_unselected=True,  # its pin CS/SHDN: 0.5 uA typical
     ),
     "ad7476": SpiChip(
         bits=16,
@@ -262,6 +264,11 @@ class SpiByName(OnSpi):
     def stated(self) -> str:  # type: ignore[override]
         """Text of the row about the chip's figures."""
         return self.chip().stated
+
+    @property
+    def sleeps_unselected(self) -> bool:  # type: ignore[override]
+        """Of the row's chip."""
+        return self.chip().sleeps_unselected
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,19 @@
 
 import pytest
 
-from eskin.golden.core import PRESETS
-from eskin.study.energy import BATTERY_J, PARTS, Activity, Part, counted_activity, estimate
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core.converters import CONVERTERS
+from eskin.study.energy import (
+    BATTERY_J,
+    PARTS,
+    Activity,
+    Part,
+    bitstream_power,
+    counted_activity,
+    estimate,
+    measured_power,
+)
+from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))
 ACTIVITY = Activity(
@@ -24,6 +35,7 @@ PART = Part(
     toggle_j=0.2e-12,
     multiply_j=20e-12,
     oscillator_w={1e6: 300e-6, 6e6: 500e-6},
+    boot_j=1e-3,
     band=2.0,
     rests_on="a test",
 )
@@ -48,6 +60,47 @@ def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
     )
     assert BATTERY_J == 18000 and on.hours == pytest.approx(18000 / on.average_w / 3600)
     assert energy.touch_s == pytest.approx(2.048)
+
+
+@each_row("name, awake", [("none", 0), ("ads7953", 1), ("mcp3208x2", None)])
+def test_a_bitstream_at_the_boards_clock_is_the_sum_by_hand(name, awake):
+    config = CONFIG.replace(converter=name)
+    power = bitstream_power(config, PART, ACTIVITY, 12e6, 30)
+    assert power.oscillators_w == pytest.approx(12e6 * 50e-12)
+    part = 100e-6 + 12e6 * (50e-12 + 3 * 0.2e-12) + 3000 * 900 * 0.2e-12
+    assert power.part_w == pytest.approx(part)
+    if awake is None:  # two chips that sleep unselected: 8 transfers in series of 19 clocks at 1 MHz
+        scan_s = 8 * (19 * 12 + 6 + 6 + 4) / 12e6
+        assert power.converter_w == pytest.approx(2 * 1.6e-3 * 3000 * scan_s, rel=0.05)
+    else:
+        assert power.converter_w == pytest.approx(awake and CONVERTERS[name].watt)
+    assert power.deciding_w == pytest.approx(0.5 * 20 * (30_000 * 0.2e-12 + 1_200 * 20e-12))
+    assert power.waiting_w == pytest.approx(part + power.converter_w)
+    assert power.average_w == power.waiting_w + power.deciding_w
+    assert power.days_1000mah == pytest.approx(18000 / power.average_w / 86400)
+    assert power.days_cr2032 == pytest.approx(0.225 * 3 * 3600 / power.average_w / 86400)
+    assert f"longer than {1e-3 / power.waiting_w:.2g} s" in power.switch_off
+    assert bitstream_power(config, "LFE5U-25F", ACTIVITY, 25e6).switch_off == ""
+
+
+@each_row(
+    "text, watt",
+    [
+        ("0,0.001\n1,0.003\n3,0.003\n", 8e-3 / 3 * 3.3),
+        ("time,current,voltage\n0,0.001,2\n1,0.003,2\n3,0.003,2\n", 8e-3 / 3 * 2),
+        ("Voltage (mV);Current (uA);Time (ms)\n2000;1000;0\n2000;3000;1\n", 4e-3),
+        ("time,power\n0,1\n1,1\n", "current"),
+        ("time,current\n1,1\n0,1\n", "do not rise"),
+    ],
+)
+def test_an_instruments_record_is_its_mean_power(tmp_path, text, watt):
+    file = tmp_path / "record.csv"
+    file.write_text(text)
+    if isinstance(watt, str):
+        with pytest.raises(InputError, match=watt):
+            measured_power(file)
+    else:
+        assert measured_power(file).mean_w == pytest.approx(watt)
 
 
 def test_the_fit_meets_what_the_source_measured():
