@@ -18,7 +18,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, R
 from eskin.golden.core.converters import converter_plan
 
 GOLDEN = "torch: states, maps, logits; numpy: sums, features, distances, decisions"
-"""What computed the values of `eskin.verbs.flow.expected_of`."""
+"""What computed the values of `eskin.verbs.cosim.expected_of`."""
 SLOWEST_CYCLES_PER_S = {
     "rtl verilator": 50e3,
     "rtl icarus": 500,

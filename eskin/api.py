@@ -42,7 +42,7 @@ from eskin.golden.model.prototypes import forget
 if TYPE_CHECKING:
     import pandas as pd
 
-    from eskin.requests import CellChoice
+    from eskin.cli.common import CellChoice
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
 """One recording (frames, taxels), several of them, or a set of recordings."""

@@ -27,10 +27,10 @@ from eskin.rtl.program.schedule import step_cycles
 from eskin.study.energy import PARTS
 from eskin.study.touch_ends import with_touches
 from eskin.training.formats import with_network
-from eskin.verbs import energy_job
-from eskin.verbs.build_job import suited
+from eskin.verbs.build import suited
+from eskin.verbs.cosim import BUILD
 from eskin.verbs.cost import BOARD, CELLS, parts_of
-from eskin.verbs.flow import BUILD
+from eskin.verbs.energy import measure
 from scripts.tables import printed
 from tests.support.random_models import random_integer_model
 
@@ -113,7 +113,7 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
     numbers, recordings = with_touches(model, played(config), 1)
     lanes = (hardware.lanes, hardware.lane_type)
     with tempfile.TemporaryDirectory() as folder:
-        found = energy_job.measure(model, numbers, recordings, BOARD, *lanes, work=Path(folder))
+        found = measure(model, numbers, recordings, BOARD, *lanes, work=Path(folder))
     if not found.bit_exact:
         raise RuntimeError(f"{name}: the netlist differs from the model")
     activity, cells = found.activity, found.cells

@@ -85,14 +85,11 @@ def files(root: Path) -> pd.DataFrame:
 
 
 def options() -> int:
-    """Options and arguments of all verbs and their sub-commands, ``--help`` not counted."""
-    from eskin.cli.main import app
+    """Options and arguments of all verbs, ``--help`` not counted."""
+    from eskin.cli.common import VERBS
+    from eskin.cli.main import command_of
 
-    def count(command) -> int:
-        return len(command.params) + sum(map(count, getattr(command, "commands", {}).values()))
-
-    whole = typer.main.get_command(app)
-    return count(whole) - len(whole.params)
+    return sum(len(command_of(verb).params) for verb in VERBS)
 
 
 def figures(root: Path) -> dict[str, int]:

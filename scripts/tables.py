@@ -44,8 +44,8 @@ from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.verbs import build_job
-from eskin.verbs.main_job import CODE
+from eskin.verbs.build import BuildRequest, build
+from eskin.verbs.run_job import CODE
 from scripts import ROOT
 from tests.support.random_models import random_integer_model
 
@@ -86,8 +86,8 @@ def placed(config: AcceleratorConfig) -> Row:
     """Columns behind the first, of a design with random weights on the board."""
     model = random_integer_model(config, 1)
     of_model: Record = {"config": model.config, "arrays": model.arrays, "lanes_asked": True}
-    request = build_job.BuildRequest(target=BOARD, link=False, seeds=3, **of_model)
-    result = build_job.build(request)[0]
+    request = BuildRequest(target=BOARD, link=False, seeds=3, **of_model)
+    result = build(request)[0]
     energy = result["energy"]
     touch_j = energy.per_touch_j + energy.preprocessing_per_touch_j
     return (

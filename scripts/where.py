@@ -5,7 +5,6 @@ is answered for each.
 """
 
 import difflib
-import re
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -32,10 +31,9 @@ def index() -> dict[str, list[Path]]:
         files[path.stem].append(path)
     for stage, block in STAGES.items():
         files[stage].append(ROOT / "rtl" / f"{block}.py")
-    for path in sorted((ROOT / "eskin/cli").glob("*.py")):
-        for verb in re.findall(r"^def (\w+?)_?\(request", path.read_text(), re.MULTILINE):
-            job = "main" if verb == "run" else verb
-            files[verb] += [path, *(ROOT / "eskin/verbs").glob(f"{job}_job.py")]
+    for path in (ROOT / "eskin/verbs").glob("*.py"):
+        verb, job = path.stem.strip("_"), path.with_name(f"{path.stem}_job.py")
+        files[verb] = [path, *([job] if job.exists() else []), *files[verb]]
     return {name: list(dict.fromkeys(paths)) for name, paths in files.items()}
 
 

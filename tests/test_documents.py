@@ -22,9 +22,9 @@ import click
 import numpy as np
 import onnxruntime
 import pytest
-from typer.main import get_command
 
-from eskin.cli.main import app
+from eskin.cli.common import VERBS
+from eskin.cli.main import command_of
 from eskin.data.archive import load_archive, save_archive
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
@@ -130,7 +130,7 @@ def test_pages_quote_one_result():
 # ------------------------------------------------------------------ commands
 @cache
 def verbs() -> dict[str, click.Command]:
-    return get_command(app).commands
+    return {verb: command_of(verb) for verb in VERBS}
 
 
 def wrong(command: str) -> list[str]:

@@ -1,144 +1,189 @@
-"""Common parts of the verbs: the application, the console, progress, options, and how recordings and
-configurations are read."""
+"""What verbs share: options, the console, progress, and how recordings are read.
+
+A verb is a file of eskin/verbs. Its request, a dataclass, holds the options: a field has help text, default and
+spelling on the command line. Options that several verbs have are in a base class here.
+"""
 
 import functools
-import inspect
+import keyword
+import re
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import fields
+from dataclasses import MISSING, dataclass, field, fields
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Any, Literal, NoReturn, dataclass_transform, get_type_hints
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.choose.choice_table import front_end_table, front_end_words
+from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
 from eskin.data.fit import for_model
-from eskin.golden.core import (
-    PRESETS,
-    AcceleratorConfig,
-    InputError,
-    Progress,
-    Record,
-    check_target,
-    write_json,
-)
+from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, parts, terminal_table, words
-from eskin.requests import spelled
+from eskin.training.settings import TrainingSettings
 from eskin.verbs.milestones import shown
-
-OUTPUTS = ("out", "json")
-"""Parameters that name what a verb writes; every other file or folder is read."""
-INPUT_WORDS = ("data", "config", "model", "test", "with_")
-"""Parameters that name a file or folder, or are a word."""
-REPLACING = ("build", "enrol", "export", "generate", "import_", "run", "train")
-"""Verbs whose --out is a folder that they replace as a whole."""
-
-RESULTS = (".json", ".html", ".svg")
-"""Files that no verb reads from a folder, but for a model's own: a run may write them into its model's folder
-again."""
-
 
 PANELS = {
     "The whole job": ("run", "report"),
     "Recordings": ("inspect", "convert", "watch"),
-    "Networks": ("train", "import_", "enrol", "quantise", "evaluate", "compare"),
-    "Hardware": ("generate", "export", "cosim", "build", "replay", "asic", "schedule", "energy", "stability"),
+    "Networks": ("train", "enrol", "import", "quantise", "evaluate", "compare"),
+    "Hardware": ("generate", "export", "cosim", "build", "replay", "schedule", "energy", "asic", "stability"),
 }
 """Verbs as the help groups them."""
+VERBS = sum(PANELS.values(), ())
+Cell = Literal["gru", "lstm", "linear"]
+CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
+"""Cells, networks for images, and auto: the smallest network that is enough."""
+STRESS = "on"
+"""Default of --stress for `train` and `run`."""
+DATA = "Recordings: .npz, a folder by class, a table, .mat, .h5, a log, or synthetic."
+CONFIG = "Preset (thesis, synthetic, pvdf, fabric) or JSON file. Default: derived."
 
 
-class Application(typer.Typer):
-    """Every verb is a function of its request, whose fields are the options. It refuses an output that would
-    destroy one of its inputs, before it begins. A verb returns its result, which is written to --json; a
-    failed check (``passed``) gives status 1."""
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+class Options:
+    """Keywords that nobody changes: each subclass is a dataclass."""
 
-    def command(self, *names: Any, **settings: Any) -> Callable[..., Any]:
-        def add(verb: Callable[[Any], Any]) -> Any:
-            panel = next((panel for panel, verbs in PANELS.items() if verb.__name__ in verbs), None)
-            register = super(Application, self).command(*names, rich_help_panel=panel, **settings)
-            request = get_type_hints(verb)["request"]
-
-            @functools.wraps(verb)
-            def checked(**options: Any) -> Any:
-                check_outputs(verb.__name__, options)
-                target = options.get("json")
-                check_target(target)
-                result = verb(request(**options))
-                if target and result is not None:
-                    write_json(target, result)
-                if not dict(result or ()).get("passed", True):
-                    raise typer.Exit(1)
-
-            hints, signature = get_type_hints(request), inspect.signature(request)
-            typed = {
-                each.name: Annotated[hints[each.name], each.metadata["of"]]
-                for each in fields(request)
-                if "of" in each.metadata
-            }
-            parameters = [
-                each.replace(annotation=typed[name])
-                for name, each in signature.parameters.items()
-                if name in typed
-            ]
-            checked.__annotations__ = typed
-            checked.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-            return register(checked)
-
-        return add
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
 
 
-def check_outputs(verb: str, options: Record) -> None:
-    """Raise InputError for an output that is also an input or another output (by any name), an existing file of
-    an input folder, or a folder to replace that holds an input; and for --json over a file that is not an
-    earlier result.
-
-    Raises
-    ------
-    InputError
-    """
-
-    # a folder in place of a file is nothing to lose: the verb refuses it
-    named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
-    outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (None, "", *PRESETS, "synthetic", "default")
-    inputs = [
-        Path(given)
-        for name, value in options.items()
-        if name not in OUTPUTS
-        for given in (value if isinstance(value, list) else [value])
-        if isinstance(given, Path) or (name in INPUT_WORDS and given not in words)
-    ]
-    of_place: dict[Path, str] = {}
-    for option, path in outputs.items():
-        place, why = path.resolve(), ""
-        if (twin := of_place.setdefault(place, option)) != option:
-            why = f"{twin} names the same path"
-        own = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
-        for given in filter(Path.exists, inputs):
-            source = given.resolve()
-            if source == place or (path.exists() and path.samefile(source)):
-                why = f"would overwrite the input {given}"
-            elif verb in REPLACING and place in source.parents and option == "--out":
-                why = f"would be replaced together with the input {given} in it"
-            elif path.is_file() and source in place.parents and not own:
-                why = f"would overwrite a file of the input {given}"
-        other = option == "--json" and path.suffix != ".json" and path.is_file() and not why
-        if other and path.read_bytes().lstrip()[:1] not in (b"", b"{", b"["):
-            why = "would overwrite a file that is not JSON"
-        if why:
-            raise InputError(f"{option} {path}: {why}; give another name")
+def option(help: str, default: Any = None, *names: str, **settings: Any) -> Any:
+    """An option of a verb; ``names`` where it is not the field's, ``settings`` as `typer.Option` takes them."""
+    return field(default=default, metadata={"of": typer.Option(*names, help=help, **settings)})
 
 
-app = Application(
-    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich"
-)
+def required(help: str, **settings: Any) -> Any:
+    """An option that must be given."""
+    return option(help, MISSING, **settings)
 
+
+def argument(help: str, default: Any = MISSING, **settings: Any) -> Any:
+    """An argument of a verb."""
+    return field(default=default, metadata={"of": typer.Argument(help=help, **settings)})
+
+
+def parse_count(text: str) -> int:
+    """The number in ``N|all``; all: more than there are of anything."""
+    if text == "all":
+        return sys.maxsize
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise InputError(f"--recordings {text[:20]}: is not a number of recordings; give 1 or more, or all")
+    return int(text)
+
+
+def parse_lanes(text: str | None, option: str = "--lanes") -> tuple[Any, Any]:
+    """(lanes, their type) of ``P[:TYPE]``; None where it is not said."""
+    number, colon, kind = (text or "").partition(":")
+    if text is None:
+        return None, None
+    if not (number.isdecimal() and len(number) < 4) or (colon and kind not in ("plain", "dsp")):
+        raise InputError(
+            f"{option} {text[:20]}: is not of the form P[:TYPE]; give a number and maybe plain or dsp, such as 4:dsp"
+        )
+    return int(number), kind or None
+
+
+# ---------------------------------------------------------------------- what verbs share
+class ModelOptions(Options):
+    model: Path = argument("A quantised model folder.")
+
+
+class DataOptions(Options):
+    data: str = required(DATA)
+
+
+class ModelDataOptions(ModelOptions, DataOptions):
+    """A model and recordings for it."""
+
+
+class JsonOptions(Options):
+    json: Path | None = option("Also write the result as JSON.")
+
+
+class ClusterOptions(Options):
+    dask: str | None = option(
+        "A dask scheduler, tcp://HOST:PORT. Default: one process per core.", metavar="ADDRESS"
+    )
+
+
+class FrontEndOptions(DataOptions):
+    """Recordings, and the front end that they go through."""
+
+    config: str | None = option(CONFIG)
+
+
+class ChoiceOptions(TrainingSettings, FrontEndOptions):
+    """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
+
+    group: str | None = option("Group arrays A[,B..] kept on one side of every split.")
+    cell: CellChoice | None = option("Cell, or network for images. auto: the cheapest that is good enough.")
+    hidden: int | None = option("Hidden units.")
+    seeds: int | None = option("Seeds of the cross-validation. Default: 3; images 1.", min=1, max=100)
+    prefer: Prefer = option("Cost to minimise among candidates as good as the best.", "energy")
+    fits: str | None = option(
+        "Board that must hold the design. Default: icebreaker, if possible.", metavar="BOARD"
+    )
+    stress: str = option(
+        "Judge candidates on disturbed recordings, too: on, off, or a JSON file of weights.",
+        STRESS,
+        metavar="on|off|FILE",
+    )
+
+
+class LaneOptions(ModelOptions):
+    lanes: str | None = option(
+        "Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", metavar="P[:TYPE]"
+    )
+
+
+# ---------------------------------------------------------------------- verbs
+def module_of(verb: str) -> str:
+    """Name of a verb's module."""
+    return f"{verb}_" if keyword.iskeyword(verb) else verb
+
+
+def text_of(verb: str) -> tuple[str, str]:
+    """(help, example) of a verb, which is not loaded."""
+    file = Path(__file__).parents[1] / "verbs" / f"{module_of(verb)}.py"
+    help, _, example = file.read_text().split('"""')[1].partition("\n\nExample: ")
+    return help, " ".join(["Example:", *example.partition("\n\n")[0].split()])
+
+
+def loaded(verb: str) -> tuple[Callable[[Any], Any], type]:
+    """A verb's function and the class of its request."""
+    command = import_module(f"eskin.verbs.{module_of(verb)}").command
+    return command, get_type_hints(command)["request"]
+
+
+def options_of(request: Any) -> Record:
+    """Options of a request by field."""
+    return {each.name: each.metadata["of"] for each in fields(request) if "of" in each.metadata}
+
+
+@functools.cache
+def spellings() -> dict[str, str]:
+    """Option that sets a field, of all verbs."""
+    options: dict[str, str] = {}
+    for verb in VERBS:
+        for name, option in options_of(loaded(verb)[1]).items():
+            own = isinstance(option.default, str)
+            options[name] = option.default if own else f"--{name.replace('_', '-')}"
+    return options | {f"no_{name}": f"--no-{option[2:]}" for name, option in options.items()}
+
+
+def spelled(sentence: str) -> str:
+    """A sentence with options in place of fields in back quotes."""
+    return re.sub(r"`(\w+)`", lambda found: spellings().get(found[1], found[0]), sentence)
+
+
+# ---------------------------------------------------------------------- the console, and what is read
 console = Console()
 if not console.is_terminal:  # a file or a pipe has no width: tables are not broken there
     console = Console(width=max(console.width, 160))
@@ -146,7 +191,8 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 messages = Console(stderr=True)
 
 
-def stop(sentence: str, status: int) -> None:
+def stop(sentence: str, status: int) -> NoReturn:
+    """End with a sentence on standard error."""
     print(f"eskin: {spelled(sentence)}", file=sys.stderr)
     sys.exit(status)
 
@@ -168,7 +214,6 @@ def warn(sentence: str) -> None:
 
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration of --config, if given."""
-
     chosen = AcceleratorConfig.load(config) if config else None
     return load(data, config=chosen), chosen
 
@@ -195,31 +240,12 @@ def show_text(text: str) -> None:
             say(part)
 
 
-def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, prices=None):
-    """The front end of --config, or a chosen one with the table of its alternatives; the reasons are
-    printed."""
-    from eskin.choose.choice import configure
-    from eskin.verbs.cost import cost_model
-
-    with progress_bars() as report:
-        front_end = configure(
-            recordings, user_config, prices or cost_model(), groups=groups, folds=folds, progress=report
-        )
-    for reason in front_end.reasons:
-        warn(f"configuration: {reason}")
-    if record := front_end.record():
-        rows = [row | {"words": front_end_words(row)} for row in front_end_table(record)]
-        show("front_ends", **record, rows=rows)
-    return front_end
-
-
 def integer_model(folder: Path):
     """The integer model of a folder, for recordings or images."""
-
     return IntegerModel.load(folder, images=True)
 
 
-def recordings_for(data: str, config):
-    """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
-
-    return for_model(load(data, config=config), config, warn)
+def recordings_for(data: str | None, config):
+    """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said. None
+    without data."""
+    return None if data is None else for_model(load(data, config=config), config, warn)

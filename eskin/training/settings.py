@@ -4,8 +4,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 
+class GroupSettings:
+    """A class with group arrays ``A[,B..]``."""
+
+    group: str | None
+
+    @property
+    def groups(self) -> list[str] | None:
+        """The names in ``group``; None where it is not given."""
+        return None if self.group is None else parse_names(self.group)
+
+
 @dataclass(frozen=True, kw_only=True)
-class TrainingSettings:
+class TrainingSettings(GroupSettings):
     """Settings of a training; None: the default, or the training chooses.
 
     Attributes
@@ -37,11 +48,6 @@ class TrainingSettings:
     protocol: str = "default"
     prefer: str = "energy"
     fits: str | None = None
-
-    @property
-    def groups(self) -> list[str] | None:
-        """The names in ``group``; None where it is not given."""
-        return None if self.group is None else parse_names(self.group)
 
 
 def parse_names(text: str) -> list[str]:

@@ -20,9 +20,9 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.image.image_engine import LANES as IMAGE_LANES
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
 from eskin.study.energy import Estimate, estimate, scheduled_activity
-from eskin.verbs.build_job import suited
+from eskin.verbs.build import suited
 
-CODE = ("rtl", "verbs/cost.py", "verbs/build_job.py", "cosim/latency.py")
+CODE = ("rtl", "verbs/cost.py", "verbs/build.py", "cosim/latency.py")
 """Code on which these figures depend, beside golden."""
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""

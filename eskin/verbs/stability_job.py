@@ -26,14 +26,14 @@ from eskin.golden.model import run as run_golden
 from eskin.jobs import Function, Jobs
 from eskin.memo import Memo, code_version
 from eskin.pages.stability_page import PAGE, write_page
-from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study.stability import core as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Confirmed, ModeResult, NotRun, Outcome, Stability
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
-from eskin.verbs import flow
+from eskin.verbs import cosim
+from eskin.verbs.stability import StabilityRequest
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
@@ -145,9 +145,9 @@ class Hardware:
     def play_case(self, case: Case, name: str, *, stalls: bool = False, probe: bool = False) -> Played:
         """A co-simulation for the mode ``name``, which the path in a simulator's error tells."""
         how = replace(self.how, stalls=stalls, probe=probe)
-        with flow.work_folder() as folder:
+        with cosim.work_folder() as folder:
             work = folder / name.replace(" ", "-")
-            return flow.cosimulate(case.model or self.bench.model, case.recordings, how, work=work)
+            return cosim.cosimulate(case.model or self.bench.model, case.recordings, how, work=work)
 
     def measure(self, key: str) -> Outcome:
         """The figure of a mode that only the hardware can show, by its key."""
@@ -162,7 +162,7 @@ class Hardware:
         pair = clean.subset(touched[np.argsort(clean.lengths[touched])[:2]])
         rows, offsets = run_golden(model, pair).streams["decision"]
         expected = [pack_decision(model.config, row) for row in rows]
-        design = Design(export(model.config, model.arrays), flow.BUILD / "simulators")
+        design = Design(export(model.config, model.arrays), cosim.BUILD / "simulators")
         loaded = design, model.config, register_map(model.config), boot_writes(model.config, model.arrays)
 
         def play(way: str, at: int = FOREVER) -> tuple[list[int], list[int], int]:

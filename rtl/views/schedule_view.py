@@ -123,8 +123,11 @@ def title(plan: Schedule) -> str:
     )
 
 
-def figures(plan: Schedule) -> list[tuple[str, str]]:
-    """The `summary` as text: (name, value)."""
+COLUMNS = ("what", "value")
+
+
+def cells(plan: Schedule) -> list[tuple[str, str]]:
+    """The `summary` as text, in the order of `COLUMNS`."""
     return [
         (name.replace("_", " "), f"{value:g}" if isinstance(value, float) else str(value))
         for name, value in summary(plan).items()

@@ -17,7 +17,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import cosimulate, expected_of
+from eskin.verbs.cosim import cosimulate, expected_of
 from tests.support.array_touches import REST, touches
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model

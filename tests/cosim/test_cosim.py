@@ -25,8 +25,8 @@ from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top import accelerator
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import cosimulate
-from eskin.verbs.generate_job import generate_design
+from eskin.verbs.cosim import cosimulate
+from eskin.verbs.generate import generate_design
 from tests.support.generated_bench import flip, make
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL

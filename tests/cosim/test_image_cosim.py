@@ -13,8 +13,8 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.training.made_up import image_recordings, random_images
-from eskin.verbs.flow import cosimulate
-from eskin.verbs.generate_job import generate_design
+from eskin.verbs.cosim import cosimulate
+from eskin.verbs.generate import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model
 from tests.support.link_flow import play_link

@@ -24,8 +24,8 @@ from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.system import System
 from eskin.training.made_up import random_recordings
-from eskin.verbs.build_job import BuildRequest, build
-from eskin.verbs.flow import BUILD
+from eskin.verbs.build import BuildRequest, build
+from eskin.verbs.cosim import BUILD
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
 from tests.support.skin import Played, expected_electrodes, play

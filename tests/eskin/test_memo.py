@@ -13,7 +13,7 @@ from eskin.golden.core import PRESETS, content_key
 from eskin.memo import Memo, code_version
 from eskin.study import baselines
 from eskin.training import train_images
-from eskin.verbs import enrol_job, flow, stability_job
+from eskin.verbs import cosim, enrol, stability_job
 from tests.support import result_case
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
@@ -58,8 +58,8 @@ def test_recordings_and_models_have_their_content():
     assert first == again != third
 
 
-WORKERS = {"training.train_images": train_images, "study.baselines": baselines, "verbs.flow": flow}
-WORKERS |= {"verbs.stability_job": stability_job, "teach.enrol": enrol_job, "verbs.cost": enrol_job}
+WORKERS = {"training.train_images": train_images, "study.baselines": baselines, "verbs.cosim": cosim}
+WORKERS |= {"verbs.stability_job": stability_job, "teach.enrol": enrol, "verbs.cost": enrol}
 
 
 @each_row("worker", WORKERS)

@@ -7,7 +7,7 @@ from eskin.cosim.results import Played
 from eskin.study.energy import Estimate
 from eskin.study.stability.core import Stability
 from eskin.training.evaluate import Evaluation, HeldBack
-from eskin.verbs.energy_job import Energies
+from eskin.verbs.energy import Energies
 from tests.support.table import each_row
 
 FROZEN = json.loads(Path(__file__).with_name("frozen_results.json").read_text())

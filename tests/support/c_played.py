@@ -14,7 +14,7 @@ from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, images_of, run, run_images
 from eskin.training.derive import derive_config, for_recordings
-from eskin.verbs.generate_job import export_c
+from eskin.verbs.export import export_c
 from tests.support.random_models import random_integer_model
 
 WIDE = {"state_format": QFormat(4, 12)}

@@ -26,7 +26,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
-from eskin.verbs.flow import cosimulate
+from eskin.verbs.cosim import cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 

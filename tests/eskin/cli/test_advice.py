@@ -1,11 +1,8 @@
 """Each advice of a doubt is something that the command line takes."""
 
-from typer.main import get_command
-
-import eskin.cli.main  # noqa: F401  registers the verbs
-from eskin.cli.common import PANELS, app
+from eskin.cli.common import spelled
+from eskin.cli.main import command_of
 from eskin.golden.core import PRESETS
-from eskin.requests import spelled
 from eskin.training.formats import with_network
 from tests.eskin.choose.test_doubts import BASELINE, VECTORS, below
 from tests.support.table import each_row
@@ -16,7 +13,7 @@ from tests.support.table import each_row
 @each_row("cell, hidden", [("linear", 0), ("gru", 8), ("gru", 32)])
 def test_every_advice_is_something_that_the_verbs_take(verb, rival, cell, hidden):
     """The options of the sentence are options of both verbs, and the network is one that there is."""
-    options = {opt for parameter in get_command(app).commands[verb].params for opt in parameter.opts}
+    options = {opt for parameter in command_of(verb).params for opt in parameter.opts}
     for candidates in ([{"cell": cell, "hidden": hidden, "accuracy": 0.9}], None):
         (one,) = below(candidates, (rival, 0.95))
         words = spelled(one["text"]).replace(";", " ").split()
@@ -25,9 +22,3 @@ def test_every_advice_is_something_that_the_verbs_take(verb, rival, cell, hidden
             advised = int(words[words.index("--hidden") + 1])
             assert cell != "linear" and advised > hidden
             with_network(PRESETS["thesis"], cell=words[words.index("--cell") + 1], hidden=advised)
-
-
-def test_every_verb_is_in_one_group_of_the_help():
-    verbs = get_command(app).commands
-    grouped = [verb for verbs in PANELS.values() for verb in verbs]
-    assert sorted(grouped) == sorted(command.callback.__name__ for command in verbs.values())

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cli.common import PANELS
+from eskin.cli.common import VERBS
 from eskin.golden.core import replacing, replacing_folder
 from eskin.golden.core.groups import GROUP_OF
 from scripts import ROOT
@@ -79,7 +79,7 @@ def model(folder) -> Path:
 # ---------------------------------------------------------------------- help and usage
 
 
-@each_row("verb", [verb.strip("_") for group in PANELS.values() for verb in group])
+@each_row("verb", VERBS)
 def test_every_verb_explains_itself_with_an_example(call, verb):
     status, out, _ = call(verb, "--help")
     assert status == 0 and f"Example: eskin {verb}" in out
@@ -232,7 +232,7 @@ main()
 """
 
 
-@each_row("module", ["typer", "eskin.cli.studies"])
+@each_row("module", ["typer", "eskin.cli.common"])
 def test_an_interrupt_while_modules_are_loaded_ends_with_130(module):
     entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["eskin"]
     program = INTERRUPTED_AT.format(module=module, place=entry.partition(":")[0])

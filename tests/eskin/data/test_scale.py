@@ -12,7 +12,7 @@ from eskin.data.fit import check_fit, rescaled
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import Stream, load_config
-from eskin.verbs import main_job
+from eskin.verbs import run_job
 from tests.support.random_models import random_integer_model
 from tests.support.table import refused
 
@@ -93,8 +93,8 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
     assert np.array_equal(read.labels, other.labels) and read.class_names == other.class_names
 
     kept = []
-    monkeypatch.setattr(main_job._Steps, "all", lambda steps, *_: kept.append(steps.held) or {"passed": True})
-    monkeypatch.setattr(main_job.report, "write_report", lambda folder: folder.mkdir())
+    monkeypatch.setattr(run_job._Steps, "all", lambda steps, *_: kept.append(steps.held) or {"passed": True})
+    monkeypatch.setattr(run_job.report, "write_report", lambda folder: folder.mkdir())
     _, _, err = call(*"run --data a.npz --config m/config.json --test e.npz --out r".split())
     assert kept and kept[0].volt_per_code == first.volt_per_code and told in err
 

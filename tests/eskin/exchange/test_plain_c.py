@@ -16,7 +16,7 @@ from eskin.exchange import plain_c
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import IntegerModel, run, run_images
 from eskin.training.made_up import random_images, random_recordings
-from eskin.verbs.generate_job import export_c
+from eskin.verbs.export import export_c
 from tests.support.c_played import MODELS, differences, front_end, with_failing_taxels
 from tests.support.c_played import model_of as model_on
 from tests.support.image_scenes import random_image_model

@@ -15,7 +15,7 @@ from eskin.live.feed import Begin
 from eskin.live.hub import Hub
 from eskin.live.player import Controls
 from eskin.live.server import PageServer
-from eskin.verbs.board_job import PAGE
+from eskin.verbs.watch import PAGE
 from tests.support.live_case import wait
 
 

@@ -13,7 +13,7 @@ from eskin.live.sources import SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.training.made_up import random_recordings
-from eskin.verbs.board_job import BUILDS, board_source
+from eskin.verbs.watch import BUILDS, board_source
 from tests.eskin.live.test_link import CONFIG, LENGTHS
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions

@@ -16,8 +16,8 @@ from eskin.rtl.asic.nets import Nets, costs
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.study.touch_ends import with_touches
-from eskin.verbs import asic_job
-from eskin.verbs.flow import cosimulate
+from eskin.verbs import asic
+from eskin.verbs.cosim import cosimulate
 from tests.support.random_models import random_integer_model
 from tests.support.table import refused
 from tests.support.tiny_cells import MEMORY_PINS, liberty_files
@@ -57,10 +57,10 @@ def test_a_netlist_counts_what_its_changes_cost(tmp_path):
     own, pin = cells["sg13g2_xor2_1"].pins["X"].toggle_j, cells["sg13g2_dfrbpq_1"].pins["D"].capacitance
     assert own > 0 and cost.joule[X] == pytest.approx(own + (2e-15 + pin) * 2**2 / 2)
     assert cost.joule[GCLK] == pytest.approx(2 * (own + (4e-15 + 2 * pin + 0.01e-12) * 2**2 / 2))
-    device, rng = Device(Design(asic_job.counting(nets, cost), asic_job.BUILDS)), random.Random(4)
+    device, rng = Device(Design(asic.counting(nets, cost), asic.BUILDS)), random.Random(4)
 
     def counted() -> np.ndarray:
-        return np.array([device.get("edges__count"), device.get("joule__count") * asic_job.ZEPTO])
+        return np.array([device.get("edges__count"), device.get("joule__count") * asic.ZEPTO])
 
     device.put("en", 1)
     device.cycle(3)  # nothing is random any more
@@ -89,7 +89,7 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
     for number, row in enumerate((150, 200, 250, 300)):
         decisions[row] = 1 + (number == 3)
         joule[row - 1 : row + 1] += step / 2
-    found = asic_job.summary(CONFIG, decisions, np.full(frames, 50), joule, 100, 1e-14, 4e-6, 627e3)
+    found = asic.summary(CONFIG, decisions, np.full(frames, 50), joule, 100, 1e-14, 4e-6, 627e3)
     period, rate = 627e3 / 3000, 3000
     assert found["step_j"] == pytest.approx(step)
     still = 1e-14 * (period - 50)
@@ -106,7 +106,7 @@ def test_recordings_may_end_with_their_touch():
     ending = longer.until(longer.lengths - hop)
     _, played = with_touches(model, ending, 1)
     assert played.lengths == longer.lengths - hop
-    held = asic_job._resting(played, hop)
+    held = asic._resting(played, hop)
     assert held.lengths == longer.lengths and (held.samples[-hop:] == played.samples[-1]).all()
     with refused("none has a whole touch; energy needs one"):
         with_touches(model, ending.until(ending.lengths - 1), 1)
@@ -117,19 +117,19 @@ def test_recordings_may_end_with_their_touch():
 @pytest.mark.parametrize("cells, rom", [("tiny", True), ("tiny", False), ("real", True)])
 def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, cells, rom):
     paths = liberty_files(cells, tmp_path)
-    libraries = asic_job.libraries_of(paths)
+    libraries = asic.libraries_of(paths)
     process = process_of("ihp-sg13g2", libraries["typ"])
-    case = Case(asic_job.chip_config(SMALL, 1, rom))
+    case = Case(asic.chip_config(SMALL, 1, rom))
     model = replace(random_integer_model(case.config, 5), config=case.config)
-    monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
-    netlist = asic_job.netlist_of(case.config, model.arrays, process)
+    monkeypatch.setattr(asic, "CACHE", tmp_path / "chips")
+    netlist = asic.netlist_of(case.config, model.arrays, process)
     nets, wire = Nets(netlist.module, process.cells), process.library.wire_loads["10k"]
-    played = partial(asic_job.measured, model, nets, process.library.voltage, wire, 1e-6, case.recordings)
+    played = partial(asic.measured, model, nets, process.library.voltage, wire, 1e-6, case.recordings)
     whole = played()
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     if rom:  # another model's weights are not in this chip
         other = replace(random_integer_model(case.config, 6), config=case.config)
-        assert not asic_job.measured(other, *played.args[1:])["bit_exact"]
+        assert not asic.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     how = Simulation(
         level="netlist", target="asic", pdk="ihp-sg13g2", liberty=list(paths), rom=rom, cocotb=()
@@ -149,7 +149,7 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         icarus = cosimulate(model, case.recordings, on_icarus, work=tmp_path / "icarus")
         assert icarus.passed and icarus.cocotb_recordings == 2
     monkeypatch.setattr(
-        asic_job, "shorten_names", lambda text: text.replace("sg13g2_nand2_1 ", "sg13g2_nor2_1 ", 1)
+        asic, "shorten_names", lambda text: text.replace("sg13g2_nand2_1 ", "sg13g2_nor2_1 ", 1)
     )
     wrong = cosimulate(model, case.recordings, replace(how, waves=False), work=tmp_path / "wrong")
     assert wrong.mismatches and not wrong.passed

@@ -15,14 +15,14 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.live import link
-from eskin.requests import ReplayRequest
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
 from eskin.rtl.top.system import System
 from eskin.teach.taught import load_taught
 from eskin.training.made_up import image_recordings, random_images, random_recordings
-from eskin.verbs import board_job
+from eskin.verbs import replay as verb
+from eskin.verbs.replay import ReplayRequest
 from tests.eskin.live.test_link import CONFIG
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.image_scenes import random_image_model
@@ -50,7 +50,7 @@ def replay(call, model, recordings, tmp_path, monkeypatch):
     model.save(tmp_path / "model")
     save_archive(recordings, tmp_path / "data.npz")
     built(tmp_path / "model/board")
-    monkeypatch.setattr(board_job, "ANSWER_S", 0.1)
+    monkeypatch.setattr(verb, "ANSWER_S", 0.1)
 
     def run(port: str, *options: str) -> tuple[int, str, str]:
         return call("replay", tmp_path / "model", "--port", port, "--data", tmp_path / "data.npz", *options)
@@ -128,7 +128,7 @@ def test_a_board_that_is_not_as_it_should_be_is_named(
     replay, model, recordings, tmp_path, monkeypatch, mistake
 ):
     options, sentence = MISTAKES[mistake]
-    monkeypatch.setattr(board_job, "ANSWER_S", 0.02)
+    monkeypatch.setattr(verb, "ANSWER_S", 0.02)
     with Device(model.config, golden_decisions(model, recordings), **options) as device:
         status, out, errors = replay(device.port, "--json", str(tmp_path / "replay.json"))
         assert (status, out) == (2, "")
@@ -190,7 +190,7 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
 
     for decide, mismatches in ((golden, 0), (wrong, 1)):
         with Device(made.config, decide) as device:
-            result = board_job.replay(request(device.port), made, images, 2000000, lambda *_: None)
+            result = verb.replay(request(device.port), made, images, 2000000, lambda *_: None)
         assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches
         counts = [result[key] for key in ("recordings", "frames", "decisions")]
         assert counts == [6, 30, 12] and device.accepted == 30
@@ -215,12 +215,12 @@ def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
     model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
 
-    monkeypatch.setattr(board_job, "SerialPort", lambda port, baud: board_of(model))
-    monkeypatch.setattr(board_job, "answer_s", lambda config, baud: TIMEOUT_BYTES)
+    monkeypatch.setattr(verb, "SerialPort", lambda port, baud: board_of(model))
+    monkeypatch.setattr(verb, "answer_s", lambda config, baud: TIMEOUT_BYTES)
 
     def replayed(**options: Any) -> dict:
         asked = request("pins", save_taught=kept, **options)
-        return board_job.replay(asked, model, recordings, 1, lambda *_: None)
+        return verb.replay(asked, model, recordings, 1, lambda *_: None)
 
     first = replayed(teach="pulse")  # recordings 0 and 1 show no whole touch
     assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}

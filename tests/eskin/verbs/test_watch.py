@@ -12,10 +12,9 @@ import pytest
 from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import run
-from eskin.requests import WatchRequest
 from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
-from eskin.verbs import board_job
+from eskin.verbs.watch import WatchRequest, watch
 from tests.support import browser
 from tests.support.live_case import wait
 from tests.support.random_models import random_integer_model
@@ -35,7 +34,7 @@ class Watched:
 
         def work() -> None:
             request = WatchRequest(model=Path("model"), host_port=0, **options)
-            self.result = board_job.watch(request, model, recordings, None, told)
+            self.result = watch(request, model, recordings, None, told)
 
         self._thread = threading.Thread(target=work)
         self._thread.start()

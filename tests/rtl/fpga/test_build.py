@@ -19,7 +19,7 @@ from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
-from eskin.verbs import build_job as job
+from eskin.verbs import build as job
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG
 from tests.support.small_designs import SMALL, with_converter

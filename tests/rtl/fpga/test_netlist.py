@@ -14,7 +14,7 @@ from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.training.formats import with_network
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import netlist_of
+from eskin.verbs.cosim import netlist_of
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 

@@ -11,7 +11,7 @@ from systemrdl import RDLCompiler
 from eskin.cosim.runner import verilator_command
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import WAIVER
-from eskin.verbs.generate_job import generate_design
+from eskin.verbs.generate import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model

@@ -13,13 +13,13 @@ import pytest
 from eskin.cosim.simulation import Simulation
 from eskin.golden.core import QFormat
 from eskin.golden.model import preprocess
-from eskin.requests import StabilityRequest
 from eskin.study.stability import core as stability
 from eskin.study.stability import disturbances
 from eskin.study.stability.core import GROUPS, Bench, Outcome, curve, judge, why_not
 from eskin.study.stability.numbers import amplified, flipped
 from eskin.study.stability.table import MODES
 from eskin.verbs import stability_job
+from eskin.verbs.stability import StabilityRequest
 from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
 from tests.support.broken_variants import BROKEN, broken
@@ -78,7 +78,7 @@ def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypat
 def test_each_case_is_played_in_a_folder_of_its_own(monkeypatch):
     """Even the same mode, at the same time."""
     played = MagicMock()
-    monkeypatch.setattr(stability_job.flow, "cosimulate", played)
+    monkeypatch.setattr(stability_job.cosim, "cosimulate", played)
     for _ in range(2):
         in_hardware(Mock()).play_case(Mock(), "spikes")
     first, second = (call.kwargs["work"] for call in played.call_args_list)

@@ -14,9 +14,9 @@ import pytest
 from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.model import IntegerModel, find_touches
-from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
-from eskin.verbs import main_job
+from eskin.verbs import run_job
+from eskin.verbs.run import RunRequest
 from tests.support import result_case
 from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
@@ -24,7 +24,7 @@ from tests.support.result_case import CONFIG, cosimulation, evaluation, float_mo
 from tests.support.table import each_row, refused
 from tests.test_imports import beyond
 
-QUIET = main_job.Console(quiet=True)
+QUIET = run_job.Console(quiet=True)
 
 
 class Chain:
@@ -58,7 +58,7 @@ class Chain:
         }
         stand_ins["code_version"] = lambda *packages: "this code"
         for name, stand_in in stand_ins.items():
-            monkeypatch.setattr(f"eskin.verbs.main_job.{name}", stand_in)
+            monkeypatch.setattr(f"eskin.verbs.run_job.{name}", stand_in)
 
     def call(self, name: str) -> None:
         self.calls.append(name)
@@ -114,7 +114,7 @@ class Chain:
         self.play("lowest", design, vectors)
         assert cycles.step_max == 97
         if self.no_clock:
-            raise main_job.flow.NoClock("no clock")
+            raise run_job.flow.NoClock("no clock")
         return cosimulation(len(self.played["lowest"][0]), pace="declared", clock_hz=711e3)
 
 
@@ -124,7 +124,7 @@ def chain(monkeypatch):
 
 
 def run(out: Path, **options):
-    return main_job.run(RunRequest(data="made", out=out, **options), QUIET)
+    return run_job.run(RunRequest(data="made", out=out, **options), QUIET)
 
 
 ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
@@ -219,17 +219,17 @@ def test_a_stage_that_reads_another_content_is_made_anew_and_all_behind_it(monke
     assert chain.calls == ORDER[ORDER.index(READ[pattern]) :]
 
 
-WORKERS = "choose.choice training.integers training.evaluate choose.yardsticks verbs.generate_job".split()
-UNUSED = ("eskin.exchange", "eskin.training.made_up")  # by this job, of what `generate_job` imports
+WORKERS = "choose.choice training.integers training.evaluate choose.yardsticks verbs.generate".split()
+UNUSED = "eskin.training.made_up"  # by this job, of what `generate` imports
 
 
 @each_row("number", range(len(ORDER) - 1))
 def test_a_stage_of_other_code_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, number):
     chain = Chain(monkeypatch)
     code = Mock(return_value="this code")
-    monkeypatch.setattr(main_job, "code_version", code)
+    monkeypatch.setattr(run_job, "code_version", code)
     cut_at(chain, tmp_path / "run", "report")
-    worker = f"eskin.{[*WORKERS, *['verbs.flow'] * 3][number]}"
+    worker = f"eskin.{[*WORKERS, *['verbs.cosim'] * 3][number]}"
     outside = beyond(worker, code.call_args_list[number].args)
     assert not {name for name in outside if not name.startswith(UNUSED)}
     code.side_effect = [*["this code"] * number, "other code", *["this code"] * 9]
@@ -280,7 +280,7 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     )
 
     def played(cycles: float) -> tuple[list[int], int]:
-        monkeypatch.setattr(main_job, "DECLARED_CYCLES", cycles)
+        monkeypatch.setattr(run_job, "DECLARED_CYCLES", cycles)
         run(tmp_path / "run")
         return chain.played["declared"]
 
@@ -298,9 +298,9 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
 def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
     loaded = chain.recordings
     held = replace(loaded, samples=loaded.samples ^ 1, source="held")
-    monkeypatch.setattr(main_job, "load_recordings", lambda data, **_: held if data == "held" else loaded)
+    monkeypatch.setattr(run_job, "load_recordings", lambda data, **_: held if data == "held" else loaded)
     judge = Mock(wraps=chain.evaluate)
-    monkeypatch.setattr(main_job.evaluate, "evaluate", judge)
+    monkeypatch.setattr(run_job.evaluate, "evaluate", judge)
     for seen in (0, 12):
         if seen:
             held = replace(loaded, source="held")

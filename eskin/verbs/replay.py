@@ -1,36 +1,59 @@
-"""Verbs that play recordings frame by frame. `eskin replay`: to a board over its serial line, its decisions
-against the golden model's. `eskin watch`: a source, a player, a hub and a view, put together."""
+"""Play recordings to a board over its serial line and compare its decisions with the golden model's.
+
+Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz
+"""
 
 import contextlib
-import math
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from itertools import zip_longest
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from eskin.cli.common import (
+    JsonOptions,
+    ModelDataOptions,
+    argument,
+    integer_model,
+    option,
+    progress_bars,
+    recordings_for,
+    required,
+    show,
+)
 from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, images_of, run_images
 from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
-from eskin.live.hub import Hub
 from eskin.live.link import BURST, Link
-from eskin.live.player import Controls, Player, hello
 from eskin.live.serial_port import SerialPort
-from eskin.live.server import PageServer
-from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, on_port
-from eskin.pages.views import TEMPLATES
-from eskin.requests import ReplayRequest, WatchRequest
-from eskin.rtl.fpga.export import export
+from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import TeachRegister, taught_arrays
 from eskin.teach.taught import load_taught, save_taught
+from eskin.verbs.build import board_of
+
+
+class ReplayRequest(ModelDataOptions, JsonOptions):
+    model: Path = argument("The quantised model folder that the bitstream was built from.")
+    port: str = required("Serial port of the board.")
+    teach: str | None = option("Teach the last touch of each recording as this class.", metavar="CLASS")
+    save_taught: Path | None = option(
+        "File (.npz) of taught touches: loaded first, written at the end.", metavar="FILE"
+    )
+
+
+def command(request: ReplayRequest) -> Record:
+    baud, lanes, lane_type = board_of(request.model)
+    integer = integer_model(request.model).with_lanes(lanes, lane_type)
+    recordings = recordings_for(request.data, integer.config)
+    with progress_bars() as report:
+        result = replay(request, integer, recordings, baud, report)
+    show("replay", **result)
+    return result
+
 
 ANSWER_S = 0.5
 """To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""
@@ -189,161 +212,3 @@ def _of_images(model: IntegerModel, recordings: Recordings) -> Expected:
             "status": np.array([0]),
         }
         yield arrays, int(model.config.image.height > 1)
-
-
-BUILDS = Path("build/simulators")
-PAGE = TEMPLATES / "watch.html"
-"""The page that is served."""
-END_S = 0.5
-"""Longest time between checks whether the player has ended, so that an interrupt is noticed."""
-
-
-@contextlib.contextmanager
-def opened_source(
-    request: WatchRequest, model: IntegerModel, plays: bool, baud: int | None
-) -> Iterator[ModelSource | Listener]:
-    """The source that is asked for; closed in the end.
-
-    Raises
-    ------
-    InputError
-        The port cannot be opened, or no eskin board answers on it.
-    """
-    if request.port and baud:
-        with contextlib.closing(SerialPort(request.port, baud)) as transport:
-            yield board_source(model, transport, request.port, baud, plays)
-        return
-    source: ModelSource = ModelSource(model)
-    if request.simulate:
-        # needs the simulators' packages, which the others do without
-        from eskin.cosim.device import Accelerator, Design
-
-        config, arrays = model.config, model.arrays
-        design = Design(export(config, arrays), BUILDS)
-        boot = boot_writes(config, arrays)
-        source = SimulationSource(model, Accelerator(design, config, register_map(config), boot))
-    with contextlib.closing(source):
-        yield source
-
-
-def board_source(
-    model: IntegerModel, transport: Any, port: str, baud: int, plays: bool
-) -> BoardSource | Listener:
-    """The board behind ``transport``: loaded and to be given recordings, or listened to as it is."""
-    config = model.config
-    link = Link(transport, register_map(config), timeout_s=answer_s(config, baud))
-    with on_port(port):
-        link.connect()
-        if not plays:
-            return Listener(config, link, port)
-        link.load(boot_writes(config, model.arrays))
-        return BoardSource(model, link, port)
-
-
-def watch(
-    request: WatchRequest,
-    model: IntegerModel,
-    recordings: Recordings | None,
-    baud: int | None,
-    ready: Callable[[str, Controls], None],
-) -> Record:
-    """Show ``recordings``, alternating between classes (None: a stand-alone board), until an interrupt.
-
-    Parameters
-    ----------
-    baud:
-        Of the board's serial line.
-    ready:
-        Called with the page's address and the controls before the first frame.
-
-    Returns
-    -------
-    dict
-        recordings, frames, touches, labelled, correct, undecided, compared_values, mismatches, mismatch_list,
-        decisions (recording -> class), passed.
-
-    Raises
-    ------
-    InputError, SimulationError
-        What went wrong before or while it was shown.
-    """
-    config, controls = model.config, Controls()
-    numbers = [] if recordings is None else in_turn(recordings)
-    shape = recordings.grid if recordings is not None and recordings.grid else None
-    shape = (config.interface.rows, config.interface.columns) if config.interface.position else shape
-    drawn = {"shape": list(shape or guessed_shape(config.sensor.taxels)), "guessed": shape is None}
-    with opened_source(request, model, recordings is not None, baud) as source:
-        greeting = hello(config, recordings, numbers, source=source.kind, **drawn)
-        hub = Hub(greeting, config.sensor.sample_rate_hz, config.sensor.taxels)
-        player = Player(source, recordings, numbers, hub, controls)
-        with (
-            _ending_in_order(controls),
-            contextlib.closing(
-                PageServer(PAGE.read_bytes(), hub, controls, port=request.host_port)
-            ) as server,
-        ):
-            ready(server.address, controls)
-            _run(player, controls)
-    if player.error is not None:
-        raise player.error
-    tally, hardware = player.tally, source.kind in ("simulation", "board")
-    return vars(tally) | {
-        "compared_values": tally.compared,
-        "mismatch_list": tally.sentences,
-        "decisions": player.decisions,
-        "passed": tally.mismatches == 0 and (tally.compared > 0 or not hardware),
-    }
-
-
-def _run(player: Player, controls: Controls) -> None:
-    """The player's thread, and this one until it has ended."""
-    thread = threading.Thread(target=player.run, name="eskin-watch-player", daemon=True)
-    thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(END_S)
-    finally:
-        controls.stop()
-        thread.join()
-
-
-@contextlib.contextmanager
-def _ending_in_order(controls: Controls) -> Iterator[None]:
-    """An interrupt from the keyboard, or SIGTERM, stops the player."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {
-        number: signal.signal(number, lambda *_: controls.stop())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def in_turn(recordings: Recordings) -> list[int]:
-    """Every recording's number, the classes in turn, so that the first minute shows all of them; within a
-    class as in the data."""
-    members = [
-        [number for number, found in enumerate(recordings.labels) if found == label]
-        for label in range(len(recordings.class_names))
-    ]
-    return [number for turn in zip_longest(*members) for number in turn if number is not None]
-
-
-LONGEST = 4
-"""Columns a row at most, of a shape that is guessed."""
-
-
-def guessed_shape(taxels: int) -> tuple[int, int]:
-    """(rows, columns) of an array with this number of taxels, if the configuration has no shape: the squarest rectangle that they fill,
-    no longer than ``LONGEST`` to 1; where there is none, the smallest square grid that holds them, with cells
-    left over."""
-    for rows in range(math.isqrt(taxels), 0, -1):
-        if taxels % rows == 0 and taxels // rows <= LONGEST * rows:
-            return rows, taxels // rows
-    rows = math.isqrt(taxels)
-    return rows, -(-taxels // rows)

@@ -1,4 +1,4 @@
-"""The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
+"""The stages of `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
 in one folder.
 
 Each stage works in a folder of its own beside OUT, named by the hash of all that went into it: what was asked for
@@ -27,6 +27,7 @@ from rich.console import Console
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import configure
 from eskin.choose.networks import check_units
+from eskin.cli.common import spelled
 from eskin.cosim import flow, latency
 from eskin.cosim.results import Cycles, Played
 from eskin.cosim.simulation import Simulation
@@ -47,7 +48,6 @@ from eskin.golden.model import IntegerModel, load_config, load_training
 from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
-from eskin.requests import RunRequest, spelled
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
@@ -57,11 +57,12 @@ from eskin.training import LEARNING, evaluate, integers
 from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
+from eskin.verbs.cosim import cosimulate, one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import by_lanes, cost_model
-from eskin.verbs.flow import cosimulate, one_of_each
-from eskin.verbs.generate_job import generate_design
+from eskin.verbs.generate import generate_design
 from eskin.verbs.milestones import shown
+from eskin.verbs.run import RunRequest
 
 SMALL_CYCLES = 60e6
 """By default all recordings are co-simulated at full pace if they take at most about this many cycles,
@@ -162,20 +163,11 @@ class _Steps:
                 self.plan = configure(loaded, config, self.prices, groups=request.groups, progress=notify)
             planned = self.plan.config if self.plan else config
             self.held = for_model(held, planned, self.say) if held is not None and planned else held
+        self.user_config = config
         seeds = request.seeds or (1 if loaded.image_shape else 3)
-        network: Record = {"group": request.groups, "cell": request.cell, "hidden": request.hidden}
-        self.user_config, self.network = config, network | {"seeds": seeds}
-        parts = [
-            loaded,
-            loaded.source,
-            loaded.notes,
-            config,
-            planned,
-            self.network,
-            request.prefer,
-            request.fits,
-        ]
-        self.key = content_key(*parts, self.panel and self.panel.weights)
+        network = request.groups, request.cell, request.hidden, seeds, request.prefer, request.fits
+        weights = self.panel and self.panel.weights
+        self.key = content_key(loaded, loaded.source, loaded.notes, config, planned, *network, weights)
 
     def say(self, line: str) -> None:
         """A line of progress that stays."""

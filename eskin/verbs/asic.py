@@ -1,6 +1,9 @@
-"""`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage, and its
-energy from its activity on recordings: steps, frames, waiting, whole touches.
+"""Make a chip's netlist and report area, memories, clock and leakage, before layout. Takes minutes.
 
+Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty
+sram.lib --rom
+
+The energy is of steps, frames, waiting and whole touches, from the activity on recordings.
 A recording is played at a slow pace, so that the clock stops between frames where it can, and everything is
 counted frame by frame. A step costs what the frames around its decision cost beyond those of the same touch
 without one. What a cycle without an edge costs is known from the clock's first net, so that any clock can be
@@ -17,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.cli.common import ModelOptions, option, progress_bars, recordings_for, required, say, show, stop
 from eskin.cosim.device import Accelerator, Design
 from eskin.cosim.latency import limits
 from eskin.cosim.netlist import Hardware, shorten_names
@@ -24,6 +28,7 @@ from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
     Record,
+    check_folder,
     content_key,
     replacing,
     replacing_folder,
@@ -38,11 +43,50 @@ from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
 from eskin.rtl.asic.nets import BAND, Costs, Nets, costs
 from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synthesise
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
+from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.top import accelerator
 from eskin.study.energy import TOUCHES_PER_S
 from eskin.study.touch_ends import with_touches
+
+
+class AsicRequest(ModelOptions):
+    pdk: str = required("Process: ihp-sg13g2 or sky130hd.", metavar="NAME")
+    liberty: list[Path] = required(
+        "Liberty file of the process (.lib, .lib.gz); may be repeated.", metavar="FILE"
+    )
+    lanes: int | None = option("Parallel multipliers. Default: the model's.")
+    rom: bool = option("Put weights and constants in ROM; otherwise the host loads them.", False, "--rom")
+    data: str | None = option(
+        "Simulate one of these recordings for its energy; takes many minutes.", metavar="D"
+    )
+    out: Path = option("Folder for asic.json, asic.md, netlist.v and accelerator.sdc.", Path("build/asic"))
+
+
+def command(request: AsicRequest) -> None:
+    check_folder(request.out, MARK)
+    integer = IntegerModel.load(request.model)
+    played = recordings_for(request.data, integer.config)
+    config = chip_config(integer.config, request.lanes, request.rom)
+    integer = dataclasses.replace(integer, config=config)
+    try:
+        with progress_bars() as report:
+            report(f"netlist in the cells of {request.pdk}, its clock and energy", 0, 0)
+            result, netlist = asic(integer, request.pdk, request.liberty, recordings=played)
+    except ToolError as error:
+        stop(str(error), 1)
+    clock_hz = config.hardware.clock_hz
+    period = 1e9 / clock_hz
+    with replacing_folder(request.out) as folder:
+        shutil.copyfile(netlist.verilog, folder / "netlist.v")
+        sdc = timing.SDC.format(clock_hz=clock_hz, period_ns=period, outside=period / 4)
+        (folder / f"{TOP}.sdc").write_text(sdc)
+        (folder / PAGE).write_text(words("asic", **result))
+        write_json(folder / MARK, result)
+    show("asic", **result)
+    say(f"{request.out}: {MARK}, {PAGE}, netlist.v, accelerator.sdc")
+
 
 CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
@@ -86,7 +130,7 @@ def netlist_of(
 
 def content_of(process: Process) -> str:
     """Key of what makes a netlist of a design: the code, the process and its Liberty files."""
-    code = code_version("rtl", "golden", "verbs/asic_job.py")
+    code = code_version("rtl", "golden", "verbs/asic.py")
     return content_key(code, process.pdk, process.library.path, repr(process.macros))
 
 
@@ -193,17 +237,6 @@ def _slowest(
         files = [*logic, *macros], foreign, load
         paths[corner] = timing.slowest(netlist.verilog, TOP, *files) if logic else None
     return paths
-
-
-def write(result: Record, netlist: Netlist, out: Path, clock_hz: float) -> None:
-    """asic.json, the page, netlist and SDC, in one exchange."""
-    with replacing_folder(out) as folder:
-        shutil.copyfile(netlist.verilog, folder / "netlist.v")
-        period = 1e9 / clock_hz
-        sdc = timing.SDC.format(clock_hz=clock_hz, period_ns=period, outside=period / 4)
-        (folder / f"{TOP}.sdc").write_text(sdc)
-        (folder / PAGE).write_text(words("asic", **result))
-        write_json(folder / MARK, result)
 
 
 # ---------------------------------------------------------------------- energy

@@ -1,5 +1,10 @@
-"""`eskin build`: a model's accelerator through Yosys and nextpnr to a bitstream; the best of several seeds,
-reported in one folder."""
+"""Make a board's bitstream and report its area by block, its clock and the clock that each budget
+needs.
+
+Example: eskin build model --target icebreaker --seeds 5
+
+The accelerator goes through Yosys and nextpnr; of several seeds the best is taken.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +20,16 @@ from typing import Any
 from amaranth.back import rtlil
 from amaranth.lib.wiring import Component
 
+from eskin.cli.common import (
+    ModelOptions,
+    integer_model,
+    option,
+    parse_lanes,
+    progress_bars,
+    required,
+    show,
+    stop,
+)
 from eskin.cosim.latency import COUNT_OF, limits
 from eskin.golden.core import (
     AcceleratorConfig,
@@ -35,6 +50,7 @@ from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import FAMILIES, DoesNotFit, Implementation, NoRoute, place
 from eskin.rtl.fpga.synthesis import Family, Netlist, synthesise
 from eskin.rtl.fpga.targets import Target
+from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN
@@ -48,7 +64,67 @@ from eskin.rtl.program.schedule import (
     step_cycles,
 )
 from eskin.rtl.top.system import BAUD, refuse_standalone
-from eskin.study.energy import PARTS, bitstream_power, estimate, scheduled_activity
+from eskin.study.energy import PARTS, bitstream_power, estimate, in_words, scheduled_activity
+
+
+class BoardRequest(ModelOptions):
+    target: str = required("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")
+    lanes: str | None = option(
+        "Parallel multipliers. Default: the model's, or as many as fit.", metavar="P[:TYPE]"
+    )
+    link: bool = option("Include the serial link, or build onset to decision only.", True)
+    converter: str | None = option(
+        "Read frames from this converter. Default with --standalone: the model's.", metavar="NAME"
+    )
+    stimulator: bool = option("With a converter: decisions drive the stimulator.", False, "--stimulator")
+    standalone: bool = option(
+        "Build without a host: model in the bitstream, frames from a converter.", False, "--standalone"
+    )
+    clock: float | None = option("Target clock. Default: the board's oscillator.", min=1e3, metavar="HZ")
+    seeds: int = option("Number of placements to try; the fastest is kept.", 1, min=1, max=1000)
+    out: Path | None = option("Folder to write: new, or an earlier build. Default: build/board/NAME.")
+
+
+def command(request: BoardRequest) -> None:
+    if request.stimulator and not (request.standalone or request.converter):
+        raise InputError(
+            "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
+        )
+    if request.converter and not (request.standalone or request.link):
+        raise InputError("--converter: needs the link or --standalone; leave out --no-link")
+    if request.standalone and not request.link:
+        raise InputError("--standalone: never has a link; leave out --no-link")
+    target, (lanes, lane_type) = find_target(request.target), parse_lanes(request.lanes)
+    folder = request.out or BOARDS / request.target
+    check_folder(folder, MARK)
+    integer = integer_model(request.model)
+    config = with_converter(suited(integer.config, target, lanes, lane_type), request.converter)
+    if request.stimulator and config.interface.stimulator == "none":
+        config = config.replace(stimulator="decisions")
+    design = BuildRequest(
+        config=config,
+        arrays=integer.arrays,
+        target=target,
+        link=request.link,
+        standalone=request.standalone,
+        sensing=bool(request.converter) and not request.standalone,
+        clock_hz=request.clock,
+        lanes_asked=lanes is not None,
+        seeds=request.seeds,
+    )
+    try:
+        with progress_bars() as report:
+            result, bitstream, netlist = build(design, report)
+    except BuildError as error:
+        stop(str(error), 1)
+    with replacing_folder(folder) as new:
+        shutil.copyfile(bitstream, new / result["bitstream"])
+        shutil.copyfile(netlist, new / "netlist.v")
+        write_json(new / MARK, result)
+    show("build", **result, block_rows=block_rows(result), in_words=in_words, folder=folder)
+    if not result["clock_met"]:
+        stop(clock_sentence(result), 1)
+
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
@@ -97,6 +173,18 @@ def suited(
     if suited_config.is_image:
         refuse_hardware(suited_config)
     return suited_config
+
+
+def with_converter(
+    config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None
+) -> AcceleratorConfig:
+    """The configuration with that converter (None, or the name of its own: as it is) at the clock it is used
+    with, which is checked against its pace."""
+    own = config.interface.converter.name
+    changes: Record = {} if converter in (None, own) else {"converter": converter}
+    if clock_hz and (converter or own) != "none":
+        changes["clock_hz"] = float(clock_hz)
+    return config.replace(**changes) if changes else config
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,16 +404,6 @@ def board_of(model: Path) -> tuple[int, int, Any]:
             "without that option"
         )
     return rate, lanes, lane_type
-
-
-def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> None:
-    """Write the folder in one exchange: the bitstream, netlist.v, build.json."""
-    check_folder(out, MARK)
-    with replacing_folder(out) as folder:
-        if bitstream is not None:
-            shutil.copyfile(bitstream, folder / result["bitstream"])
-        shutil.copyfile(netlist, folder / "netlist.v")
-        write_json(folder / MARK, result)
 
 
 def _result(

@@ -1,6 +1,8 @@
-"""``eskin energy``: activity counted in co-simulated netlists of several configurations, and the estimate
-made of it.
+"""Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes.
 
+Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12
+
+Activity is counted in co-simulated netlists of several configurations.
 For each configuration: the lowest clock that meets every budget (generated Verilog at the sensor's pace),
 then the netlist that placement gets, with counters beside its cells, over the same recordings at full pace
 and at a slower one. Both runs must be bit-exact.
@@ -12,23 +14,61 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.cli.common import ModelDataOptions, option, parse_lanes, progress_bars, recordings_for, show
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.results import Played
 from eskin.cosim.simulation import Simulation
-from eskin.golden.core import AcceleratorConfig, InputError, Progress, Result, write_json
+from eskin.golden.core import AcceleratorConfig, InputError, Result, check_target, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
-from eskin.requests import EnergyRequest, parse_lanes
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study import energy
-from eskin.study.energy import Estimate, Measured, Power
+from eskin.study.energy import Estimate, Measured, Power, in_words
 from eskin.study.touch_ends import with_touches
-from eskin.verbs.flow import expected_of, netlist_of
+from eskin.verbs.cosim import expected_of, netlist_of, work_folder
+
+
+class EnergyRequest(ModelDataOptions):
+    configuration: list[str] | None = option(
+        "Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"
+    )
+    recordings: int = option("Number of recordings to simulate.", 2, min=1)
+    touches: float = option("Touches a minute, for the average power.", 60.0, min=0)
+    measured: Path | None = option(
+        "An instrument's CSV file: time, current, voltage; printed beside the estimate.", metavar="FILE"
+    )
+    out: Path = option("Folder for energy.json.", Path("build/energy"))
+
+
+def command(request: EnergyRequest) -> Result:
+    check_target(request.out / RESULT)
+    model = IntegerModel.load(request.model)
+    recordings = recordings_for(request.data, model.config)
+    boards = [*map(parse_configuration, request.configuration or CONFIGURATIONS)]
+    for target, lanes, kind in boards:  # one that cannot be is refused before any long work
+        model.config.with_lanes(lanes, kind)
+        if find_target(target).device not in energy.PARTS:
+            raise InputError(
+                f"--configuration {target}: there is no energy model of its part; use another board"
+            )
+    measured = energy.measured_power(request.measured) if request.measured else None
+    numbers, chosen = with_touches(model, recordings, request.recordings)
+    rows, touches = [], request.touches
+    with work_folder() as work, progress_bars() as notify:
+        for number, (target, lanes, kind) in enumerate(boards):
+            notify(f"configurations measured, now {target} with {lanes} lanes", number, len(boards))
+            place = work / f"{target}{lanes}{kind}"
+            rows.append(measure(model, numbers, chosen, target, lanes, kind, work=place, touches=touches))
+    result = Energies(configurations=rows, passed=all(row.bit_exact for row in rows), measured=measured)
+    write_json(request.out / RESULT, result)
+    show("energy", **dict(result), in_words=in_words, file=request.out / RESULT)
+    return result
+
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
 """Default comparison: board, lanes, lane type."""
@@ -131,36 +171,3 @@ def slower_cycles(config: AcceleratorConfig, full: Played) -> int:
     """
     held = math.ceil(SLOWER_LEAST * full.simulated_cycles / full.frames)
     return max(SLOW_FACTOR * config.sensor.taxels, held, frame_cycles(config) + step_cycles(config))
-
-
-def job(
-    request: EnergyRequest, model: IntegerModel, recordings: Recordings, work: Path, notify: Progress
-) -> Energies:
-    """Measure every configuration (`parse_configuration`; by default CONFIGURATIONS) and write energy.json."""
-    boards = [*map(parse_configuration, request.configuration or CONFIGURATIONS)]
-    for target, lanes, kind in boards:  # one that cannot be is refused before any long work
-        model.config.with_lanes(lanes, kind)
-        if find_target(target).device not in energy.PARTS:
-            raise InputError(
-                f"--configuration {target}: there is no energy model of its part; use another board"
-            )
-    measured = energy.measured_power(request.measured) if request.measured else None
-    numbers, chosen = with_touches(model, recordings, request.recordings)
-    rows = []
-    for number, (target, lanes, kind) in enumerate(boards):
-        notify(f"configurations measured, now {target} with {lanes} lanes", number, len(boards))
-        rows.append(
-            measure(
-                model,
-                numbers,
-                chosen,
-                target,
-                lanes,
-                kind,
-                work=work / f"{target}{lanes}{kind}",
-                touches=request.touches,
-            )
-        )
-    result = Energies(configurations=rows, passed=all(row.bit_exact for row in rows), measured=measured)
-    write_json(request.out / RESULT, result)
-    return result

@@ -10,7 +10,7 @@ from eskin.pages import views
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise
 from eskin.rtl.program.schedule import decision_cycles, schedule
-from eskin.verbs import asic_job
+from eskin.verbs import asic
 from tests.rtl.asic.test_synthesis import Words
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
@@ -24,7 +24,7 @@ from tests.support.traffic_case import CONFIG
 )
 def test_rows_in_one_phase_where_the_clock_decides_in_time(clock_hz, decide_within_s, in_one):
     config = PRESETS["thesis"].replace(clock_hz=clock_hz, decide_within_s=decide_within_s)
-    chip = asic_job.chip_config(config, 4, True)
+    chip = asic.chip_config(config, 4, True)
     assert chip.hardware.one_phase == in_one and schedule(chip).partial_rows == (0 if in_one else 24)
     assert (decision_cycles(chip) <= clock_hz * (decide_within_s or 1 / 3000)) == (in_one or clock_hz < 1e6)
 
@@ -43,25 +43,25 @@ def test_the_clock_by_opensta(tmp_path, monkeypatch, cells):
 
 
 def test_other_cells_or_macros_make_another_netlist(tmp_path):
-    process = process_of("ihp-sg13g2", asic_job.libraries_of(liberty_files("tiny", tmp_path))["typ"])
+    process = process_of("ihp-sg13g2", asic.libraries_of(liberty_files("tiny", tmp_path))["typ"])
     macro, *others = process.macros
     changes = {"pdk": "sky130hd"}, {"macros": (dataclasses.replace(macro, area=1.0), *others)}
     kinds = [process, *(dataclasses.replace(process, **change) for change in changes)]
-    keys = {*map(asic_job.content_of, 2 * kinds)}
+    keys = {*map(asic.content_of, 2 * kinds)}
     process.library.path.write_text("other cells")
-    assert len({*keys, asic_job.content_of(process)}) == 4
+    assert len({*keys, asic.content_of(process)}) == 4
 
 
 def check(tmp_path, monkeypatch, cells, *, measured):
     paths = liberty_files(cells, tmp_path)
     model = random_integer_model(CONFIG, 5)
-    model = dataclasses.replace(model, config=asic_job.chip_config(model.config, 1, True))
-    process = process_of("ihp-sg13g2", asic_job.libraries_of(paths)["typ"])
-    netlist = synthesise(Words(), process, tmp_path / "words", top=asic_job.TOP)
-    monkeypatch.setattr(asic_job, "netlist_of", lambda *_, **__: netlist)
+    model = dataclasses.replace(model, config=asic.chip_config(model.config, 1, True))
+    process = process_of("ihp-sg13g2", asic.libraries_of(paths)["typ"])
+    netlist = synthesise(Words(), process, tmp_path / "words", top=asic.TOP)
+    monkeypatch.setattr(asic, "netlist_of", lambda *_, **__: netlist)
 
     def said() -> tuple[dict, str]:
-        result, _ = asic_job.asic(model, "ihp-sg13g2", paths)
+        result, _ = asic.asic(model, "ihp-sg13g2", paths)
         return result, dict(next(views.tables(views.words("asic", **result))).cells)["highest clock"]
 
     if measured:
@@ -72,8 +72,6 @@ def check(tmp_path, monkeypatch, cells, *, measured):
     without, words = said()
     assert "sudo apt-get install opensta" in words and without["fmax_hz"] == {"typ": None, "slow": None}
     monkeypatch.undo()
-    monkeypatch.setattr(asic_job, "netlist_of", lambda *_, **__: netlist)
-    no_slow, _ = asic_job.asic(model, "ihp-sg13g2", [path for path in paths if "slow" not in path.name])
-    assert no_slow["fmax_hz"]["slow"] is None and "slow: no file of cells" in asic_job.words(
-        "asic", **no_slow
-    )
+    monkeypatch.setattr(asic, "netlist_of", lambda *_, **__: netlist)
+    no_slow, _ = asic.asic(model, "ihp-sg13g2", [path for path in paths if "slow" not in path.name])
+    assert no_slow["fmax_hz"]["slow"] is None and "slow: no file of cells" in asic.words("asic", **no_slow)

@@ -1,21 +1,42 @@
-"""The order of things: golden trace, generated files, co-simulation. Each step lives in its own package; here
-they are only called."""
+"""Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
+
+Many recordings are split into parts that run side by side; an interrupted command continues where
+it stopped.
+
+Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json
+
+Golden trace, generated files and co-simulation live in their own packages; here they are called in order.
+"""
 
 import contextlib
 import dataclasses
+import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from eskin.cli.common import (
+    ClusterOptions,
+    JsonOptions,
+    LaneOptions,
+    ModelDataOptions,
+    integer_model,
+    option,
+    parse_count,
+    parse_lanes,
+    progress_bars,
+    recordings_for,
+    show,
+)
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.results import Placed, Played, joined
 from eskin.cosim.simulation import Simulation
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Result, content_key
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -33,8 +54,52 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.verbs import asic_job
-from eskin.verbs.build_job import cached_netlist
+from eskin.verbs import asic
+from eskin.verbs.build import cached_netlist, with_converter
+
+
+class CosimRequest(Simulation, ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
+    recordings: str = option("Number of recordings, spread over the classes.", "all", metavar="N|all")
+    simulator: Literal["verilator", "icarus"] = option("Simulator.", "verilator")
+    threads: int | None = option(
+        "Recordings played side by side. Default: one per core.", None, "--jobs", min=1
+    )
+    level: Literal["rtl", "netlist"] = option("Generated Verilog, or its netlist.", "rtl")
+    target: str | None = option("Part of the netlist: a board such as icebreaker, or asic.")
+    pdk: str | None = option("Chip: ihp-sg13g2 or sky130hd.", metavar="NAME")
+    liberty: list[Path] | None = option(
+        "Chip: a Liberty file of the process; may be repeated.", metavar="FILE"
+    )
+    rom: bool = option("Chip: weights and constants are in ROM.", False, "--rom")
+    converter: str | None = option(
+        "Play frames to the pins of this converter; none: to the core.", metavar="NAME"
+    )
+    pace: Literal["full", "declared"] = option(
+        "full: as fast as possible; declared: at the recordings' rate.", "full"
+    )
+    clock_hz: float | None = option("Clock for --pace declared.", None, "--clock", metavar="HZ")
+    stalls: bool = option("Insert random stalls at input and output.", False, "--stalls")
+    bench: Literal["sample", "cocotb"] = option(
+        "Recordings under cocotb: one per class (others in bulk), or all.", "sample"
+    )
+
+
+def command(request: CosimRequest) -> Result:
+    if request.clock_hz is not None and not 1 <= request.clock_hz < math.inf:
+        raise InputError(f"`clock_hz` {request.clock_hz:g}: is not a clock; give 1 Hz or more")
+    count = parse_count(request.recordings)
+    integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
+    loaded = recordings_for(request.data, integer.config)
+    numbers = loaded.evenly(count)
+    with work_folder() as work, progress_bars() as report:
+        where = Jobs(workers=request.threads, dask=request.dask, progress=report, version=CODE)
+        played = loaded.subset(numbers)
+        result = cosimulate_parts(integer, played, numbers, request, work=work, jobs=where)
+        if result.waves:  # out of the temporary folder
+            result.waves = str(Path(result.waves).rename(work.with_name(f"waves_{work.name}")))
+    show("cosim", played=result, **dict(result))
+    return result
+
 
 BUILD = Path("build")
 """Everything generated on the way."""
@@ -51,7 +116,7 @@ def cosimulate(
     play: Callable[..., Played] | None = None,
     progress: Progress = lambda what, done, total: None,
 ) -> Played:
-    """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
+    """The integer model's trace of ``recordings`` against the generated hardware.
 
     At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage
     compared, and once as it is placed, without them, at full pace (cosim/netlist.py); that run is the
@@ -90,7 +155,7 @@ def cosimulate(
         how = dataclasses.replace(how, pace="declared")
     hardware, placed = None, None
     if chip:
-        config = asic_job.chip_config(config, None, how.rom)
+        config = asic.chip_config(config, None, how.rom)
         hardware, placed = _chip_parts(config, model.arrays, how)
     elif how.target is not None:
         hardware, _ = netlist_of(config, model.arrays, how.target)
@@ -125,11 +190,11 @@ def _chip_parts(
     config: AcceleratorConfig, arrays: Arrays, how: Simulation
 ) -> tuple[Hardware, tuple[Hardware, dict[str, int]]]:
     """A chip's netlist with probes; the one that is placed, and its cells."""
-    process = asic_job.process_of(how.pdk or "", asic_job.libraries_of(how.liberty or ())["typ"])
+    process = asic.process_of(how.pdk or "", asic.libraries_of(how.liberty or ())["typ"])
 
     def part(probes: bool) -> tuple[Hardware, dict[str, int]]:
-        netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
-        return asic_job.hardware_of(netlist, process, probes=probes), dict(netlist.cells)
+        netlist = asic.netlist_of(config, arrays, process, probes=probes)
+        return asic.hardware_of(netlist, process, probes=probes), dict(netlist.cells)
 
     return part(True)[0], part(False)
 
@@ -151,18 +216,6 @@ def expected_of(
         return write_image_vectors(path, streams, images, numbers)
     trace = run(torch_model.on_torch(model), recordings)
     return write_vectors(path, trace, recordings, numbers, codes)
-
-
-def with_converter(
-    config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None
-) -> AcceleratorConfig:
-    """The configuration with that converter (None, or the name of its own: as it is) at the clock it is used
-    with, which is checked against its pace."""
-    own = config.interface.converter.name
-    changes: Record = {} if converter in (None, own) else {"converter": converter}
-    if clock_hz and (converter or own) != "none":
-        changes["clock_hz"] = float(clock_hz)
-    return config.replace(**changes) if changes else config
 
 
 def netlist_of(

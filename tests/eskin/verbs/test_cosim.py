@@ -1,4 +1,4 @@
-"""eskin/verbs/flow.py: parts of the recordings give what one run gives, wherever they are played."""
+"""eskin/verbs/cosim.py: parts of the recordings give what one run gives, wherever they are played."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from eskin.data.archive import save_archive
 from eskin.golden.core import content_key
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
-from eskin.verbs import flow
+from eskin.verbs import cosim
 from scripts import ROOT
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import cosimulation
@@ -44,19 +44,19 @@ def here(tmp_path, monkeypatch) -> Path:
 
 @pytest.mark.slow
 def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
-    monkeypatch.setitem(flow.PART, "verilator", 4)
+    monkeypatch.setitem(cosim.PART, "verilator", 4)
     recordings, numbers = scene(10), list(range(30, 40))
-    how = flow.Simulation(pace="declared", clock_hz=1e5, stalls=True)
-    whole = flow.cosimulate(model, recordings, how, numbers=numbers, work=here / "whole")
+    how = cosim.Simulation(pace="declared", clock_hz=1e5, stalls=True)
+    whole = cosim.cosimulate(model, recordings, how, numbers=numbers, work=here / "whole")
     moves = []
     jobs = Jobs(workers=1, progress=lambda *move: moves.append(move))
-    parts = flow.cosimulate_parts(model, recordings, numbers, how, jobs=jobs, work=here / "work")
+    parts = cosim.cosimulate_parts(model, recordings, numbers, how, jobs=jobs, work=here / "work")
     assert moves[-1] == ("parts of up to 4 compiled and played", 3, 3)
     gaps = ("cycles", "budgets", "overruns")  # random stalls begin anew in each part
     assert without(parts, *TIMES, *LOADING, *gaps) == without(whole, *TIMES, *LOADING, *gaps)
-    how, jobs = flow.Simulation(), Jobs(workers=2)
-    plain = flow.cosimulate_parts(model, recordings, numbers, how, jobs=jobs, work=here / "work")
-    again = flow.cosimulate(model, recordings, how, numbers=numbers, work=here / "whole")
+    how, jobs = cosim.Simulation(), Jobs(workers=2)
+    plain = cosim.cosimulate_parts(model, recordings, numbers, how, jobs=jobs, work=here / "work")
+    again = cosim.cosimulate(model, recordings, how, numbers=numbers, work=here / "whole")
     ways = ("cocotb_recordings", "bulk_recordings")  # one of each class under cocotb, and all
     assert without(plain, *TIMES, *LOADING, *ways) == without(again, *TIMES, *LOADING, *ways)
     assert [getattr(plain, way) for way in ways] == [3, 7] and [getattr(again, way) for way in ways] == [
@@ -64,31 +64,31 @@ def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
         0,
     ]
     assert plain.bit_exact and plain.recordings == 10 and plain.compared_values > 1000
-    assert not list((here / flow.CACHE).glob("*.json")), "kept only until all are done"
+    assert not list((here / cosim.CACHE).glob("*.json")), "kept only until all are done"
 
 
 def test_another_liberty_file_makes_other_parts(tmp_path):
     path, keys = tmp_path / "cells.lib", []
     for text in "aab":
         path.write_text(text)
-        keys.append(content_key(flow.contents(flow.Simulation(pdk="sky130hd", liberty=[path]))))
-    assert keys[0] == keys[1] != keys[2] != content_key(flow.contents(flow.Simulation()))
+        keys.append(content_key(cosim.contents(cosim.Simulation(pdk="sky130hd", liberty=[path]))))
+    assert keys[0] == keys[1] != keys[2] != content_key(cosim.contents(cosim.Simulation()))
 
 
 @pytest.mark.slow
 def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, monkeypatch):
-    monkeypatch.setitem(flow.PART, "icarus", 2)
-    real = flow.run
+    monkeypatch.setitem(cosim.PART, "icarus", 2)
+    real = cosim.run
 
     def other(model, recordings):
         trace = real(model, recordings)
         trace.streams["logit"] = (trace.streams["logit"][0] + 1, trace.streams["logit"][1])
         return trace
 
-    monkeypatch.setattr(flow, "run", other)
+    monkeypatch.setattr(cosim, "run", other)
     where = {"jobs": Jobs(workers=1), "work": here / "work"}
-    how = flow.Simulation(simulator="icarus")
-    result = flow.cosimulate_parts(model, scene(6), [20, 21, 22, 23, 24, 25], how, **where)
+    how = cosim.Simulation(simulator="icarus")
+    result = cosim.cosimulate_parts(model, scene(6), [20, 21, 22, 23, 24, 25], how, **where)
     assert not result.bit_exact and not result.passed
     assert result.mismatches == result.stages.logit.mismatches == len(result.mismatch_list) > 0
     assert result.mismatch_list[0].startswith("recording 21,") and Path(result.waves).is_dir()
