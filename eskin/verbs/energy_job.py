@@ -18,7 +18,7 @@ from eskin.cosim.results import Played
 from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Result, write_json
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel
+from eskin.golden.model import IntegerModel, find_touches
 from eskin.requests import EnergyRequest, parse_lanes
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
@@ -100,11 +100,13 @@ def measure(
     clock_hz = slower_cycles(config, full) * config.sensor.scan_rate_hz
     how = dataclasses.replace(how, pace="declared", clock_hz=clock_hz)
     slow = flow.cosim(design, vectors, how, work=work / "slow")
+    touches = find_touches(config, recordings)
+    touches = touches.take(touches.first_touch())
     activity = energy.counted_activity(
         read_count(work / "full"),
         read_count(work / "slow"),
         frames=full.frames,
-        touch_frames=len(recordings) * config.last_frame,
+        touch_frames=int((touches.ends(config)[:, -1] - touches.start_frame + 1).sum()),
         steps=full.steps,
         recordings=len(recordings),
         quiet_frame_cycles=mean_frame_cycles(config)[1],
