@@ -100,13 +100,13 @@ def measure(
     clock_hz = slower_cycles(config, full) * config.sensor.scan_rate_hz
     how = dataclasses.replace(how, pace="declared", clock_hz=clock_hz)
     slow = flow.cosim(design, vectors, how, work=work / "slow")
-    touches = find_touches(config, recordings)
-    touches = touches.take(touches.first_touch())
+    played = find_touches(config, recordings)
+    played = played.take(played.first_touch())
     activity = energy.counted_activity(
         read_count(work / "full"),
         read_count(work / "slow"),
         frames=full.frames,
-        touch_frames=int((touches.ends(config)[:, -1] - touches.start_frame + 1).sum()),
+        touch_frames=int((played.ends(config)[:, -1] - played.start_frame + 1).sum()),
         steps=full.steps,
         recordings=len(recordings),
         quiet_frame_cycles=mean_frame_cycles(config)[1],
