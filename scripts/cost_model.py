@@ -36,18 +36,22 @@ from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
 AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")
-NAME = re.compile(r"(\d+) taxels, (.+), (linear|GRU|LSTM) ?(\d*)(, at once)?, P = (\d+)")
+TOGGLES = "STEP_TOGGLES", "FRAME_TOGGLES", "ONSET_TOGGLES", "FOLLOWING_TOGGLES"
+NAME = re.compile(r"(\d+) taxels, (.+), (linear|GRU|LSTM) ?(\d*)(, at once)?(?:, whole by (\d+))?, P = (\d+)")
 
 
 def _design(name: str, classes: int, hop: int, steps: int, block: int = 1) -> AcceleratorConfig:
-    """What the name says, with so many classes, windows of two hops, and frames in a block of activity."""
-    taxels, kinds, cell, hidden, at_once, lanes = NAME.fullmatch(name).groups()  # type: ignore[union-attr]
+    """What the name says, with so many classes, windows of two hops, and frames in a block of activity. Windows of a
+    whole touch have at most so many hops; the longest touch doubles the hop twice."""
+    taxels, kinds, cell, hidden, at_once, whole, lanes = NAME.fullmatch(name).groups()  # type: ignore[union-attr]
     config = AcceleratorConfig.of(
         name="counted",
         taxels=int(taxels),
         sample_rate_hz=1000.0,
         sample_bits=16,
-        window_mode="free",
+        window_mode="whole" if whole else "free",
+        store_per_window=int(whole or 2),
+        touch_frames=3 * hop * steps * int(whole or 2),
         pretrigger_frames=0,
         hop=hop,
         window=2 * hop,
@@ -72,21 +76,25 @@ SHAPES = {
     "64 taxels, mean, linear, P = 4": (7, 16, 10),
     "12 taxels, mean + integral, LSTM 6, at once, P = 2": (3, 40, 8),
     "16 taxels, all kinds, GRU 16, P = 6": (6, 32, 20),
+    "8 taxels, mean, linear, whole by 8, P = 4": (5, 4, 20),
+    "19 taxels, mean, linear, at once, whole by 8, P = 4": (20, 2, 20),
+    "16 taxels, mean, linear, at once, whole by 8, P = 4": (7, 4, 20),
+    "12 taxels, mean + activity, GRU 8, whole by 4, P = 4": (4, 4, 8, 4),
+    "8 taxels, all kinds, linear, whole by 4, P = 2": (5, 4, 12, 2),
+    "4 taxels, mean, linear, whole by 8, P = 1": (3, 8, 2),
+    "32 taxels, mean, GRU 12, whole by 2, P = 6": (4, 4, 16),
 }
 DESIGNS = {name: _design(name, *shape) for name, shape in SHAPES.items()}
 """Shapes that no data set of the project has given."""
 
-COLUMNS = (
-    "frames | cycles a frame | steps | cycles a step | multiplies a step | toggles a frame | toggles a step "
-    "| counted uJ | LUT | block memories"
-).split(" | ")
+COLUMNS = "frames | cycles a frame | steps | cycles a step | counted uJ | LUT | block memories".split(" | ")
 
 
 def played(config: AcceleratorConfig) -> Recordings:
     """One recording with a whole touch: rest and noise, then a slow swing of every taxel."""
     rng, sensor = np.random.default_rng(1), config.sensor
     quiet = config.rest_level.rest_frames + 3 * config.windows.hop + config.windows.pretrigger_frames
-    frames = quiet + config.last_frame + 3 * config.windows.hop
+    frames = quiet + config.last_frame + max(3 * config.windows.hop, 64)
     since = np.maximum(np.arange(frames) - quiet, 0)[:, None] / config.last_frame
     phase, depth = rng.uniform(0, 2 * np.pi, sensor.taxels), rng.uniform(0.5, 1.5, sensor.taxels)
     swing = np.minimum(40 * since, 1) * (2 + np.sin(12 * since + phase)) * depth
@@ -116,15 +124,12 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
         found = measure(model, numbers, recordings, BOARD, *lanes, work=Path(folder))
     if not found.bit_exact:
         raise RuntimeError(f"{name}: the netlist differs from the model")
-    activity, cells = found.activity, found.cells
+    cells = found.cells
     return [
         config.last_frame,
-        activity.frame_cycles,
+        found.activity.frame_cycles,
         config.windows.steps,
         step_cycles(config),
-        activity.step_multiplies,
-        activity.frame_toggles,
-        activity.step_toggles,
         1e6 * (found.per_touch_j + found.preprocessing_per_touch_j),
         cells["SB_LUT4"],
         sum(number for kind, number in cells.items() if kind.startswith("SB_RAM40_4K")),
@@ -160,16 +165,17 @@ def shares(counted_rows: pd.DataFrame) -> tuple[pd.Series, np.ndarray, np.ndarra
     )
     products = counted_rows["steps"] * [config.multiplies + config.inputs for config in configs]
     later = frames * [not config.opens_at_once for config in configs]
+    following = frames * [config.follows_touch for config in configs]
     fixed = (steps + frames) * part.clock_j + products * part.multiply_j
-    toggling = part.toggle_j * np.stack([steps, frames, later], axis=1)
+    toggling = part.toggle_j * np.stack([steps, frames - following, later, following], axis=1)
     has = np.array([list(parts_of(config).values()) for config in configs])
     joule, cells = (counted_rows[[name]].to_numpy() for name in ("counted uJ", "LUT"))
     return fixed / (1e-6 * joule[:, 0]), toggling / (1e-6 * joule), has / cells
 
 
 def fit(counted_rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as
-    shares, none of CELLS below 0."""
+    """The constants of TOGGLES, and CELLS in their order: least squares of the errors as shares, none of CELLS
+    below 0."""
     fixed, toggling, has = shares(counted_rows)
     return np.linalg.lstsq(toggling, 1 - fixed, rcond=None)[0], nnls(has, np.ones(len(has)))[0]
 
@@ -189,7 +195,7 @@ def without_it(counted_rows: pd.DataFrame) -> np.ndarray:
 def show(counted_rows: pd.DataFrame) -> None:
     """Print the constants and how far they are off."""
     constants = fit(counted_rows)
-    print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
+    print("\n" + ", ".join(map("{} {:.0f}".format, TOGGLES, constants[0])))
     print("CELLS " + ", ".join(map("{} {:.1f}".format, CELLS, constants[1])))
     each = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1).reshape(4, -1)
     shown = (map("{:+.1f} %".format, 100 * shares) for shares in each)

@@ -96,9 +96,10 @@ PARTS = {
 class Activity(Result):
     """Activity of the hardware, averages of co-simulated recordings.
 
-    step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
-    quiet_frame_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
-    idle_toggles: a cycle without work. source: how it was found. recordings: how many were counted.
+    step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. touch_frames: frames of a
+    touch, not counted: of the longest. frame_cycles, quiet_frame_cycles: of a frame of a touch, and of another one.
+    frame_toggles: of a frame, in the rest. idle_toggles: a cycle without work. source: how it was found. recordings:
+    how many were counted.
     """
 
     step_cycles: float
@@ -110,6 +111,7 @@ class Activity(Result):
     idle_toggles: float
     source: str
     recordings: int = 0
+    touch_frames: float = 0.0
 
 
 class Choice(Result):
@@ -191,10 +193,11 @@ class Measured(Result):
 
 
 COMPUTE_BLOCKS = ("cell", "classifier")
-STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 23.0, 19.0, 37.0, 4.0
+STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 22.0, 24.0, 30.0, 4.0
+FOLLOWING_TOGGLES = 11.0
 """Register bits that change in a cycle, for a design that was not counted: of a step, of a frame, of a frame
-more with an onset detector, and of an idle cycle. All but the last are fitted to counted netlists
-(``python -m scripts.cost_model``)."""
+more with an onset detector, of an idle cycle, and of a frame with ``window_mode`` whole. All but
+IDLE_TOGGLES are fitted to counted netlists (``python -m scripts.cost_model``)."""
 
 
 def counted_activity(
@@ -216,7 +219,7 @@ def counted_activity(
     full, slow:
         cycles, busy (cycles), toggles (by block), multiplies of each run (eskin.cosim.activity.read_count).
     frames, touch_frames, steps:
-        In all, of one run; those of touches.
+        In all, of one run; those of touches, one a recording.
     step_cycles, quiet_frame_cycles:
         Most cycles of a step; of the schedule: cycles of a frame without a touch.
     """
@@ -228,6 +231,7 @@ def counted_activity(
         step_cycles=step_cycles,
         step_toggles=compute / steps,
         step_multiplies=full["multiplies"] / steps,
+        touch_frames=touch_frames / recordings,
         frame_cycles=(slow["busy"] - steps * step_cycles - quiet) / touch_frames,
         quiet_frame_cycles=quiet_frame_cycles,
         frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
@@ -245,21 +249,24 @@ def scheduled_activity(
     multipliers: int,
 ) -> Activity:
     """Activity of a design that was not counted: cycles of the schedule, every multiplier busy as often as
-    there are products, STEP_TOGGLES and FRAME_TOGGLES (with ONSET_TOGGLES) register bits changing in a busy
-    cycle.
+    there are products, STEP_TOGGLES and FRAME_TOGGLES or FOLLOWING_TOGGLES (with ONSET_TOGGLES) register bits
+    changing in a busy cycle.
 
     Parameters
     ----------
     step_cycles, frame_cycles, quiet_frame_cycles:
         Of the schedule. multipliers: cells of the netlist (a design without them multiplies in its logic).
     """
+    frame_toggles = FOLLOWING_TOGGLES if config.follows_touch else FRAME_TOGGLES
+    frame_toggles += ONSET_TOGGLES * (not config.opens_at_once)
     return Activity(
         step_cycles=step_cycles,
         step_toggles=STEP_TOGGLES * step_cycles,
         step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
+        touch_frames=config.last_frame,
         frame_cycles=frame_cycles,
         quiet_frame_cycles=quiet_frame_cycles,
-        frame_toggles=(FRAME_TOGGLES + ONSET_TOGGLES * (not config.opens_at_once)) * frame_cycles,
+        frame_toggles=frame_toggles * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         source="cycles of the schedule; register bits that change in a busy cycle as fitted to counted netlists",
     )
@@ -276,7 +283,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         The lowest clock that meets every budget: the outside clock of the first two choices below.
     """
     part = PARTS[part] if isinstance(part, str) else part
-    steps, rate, frames = config.windows.steps, config.sensor.scan_rate_hz, config.last_frame
+    steps, rate, frames = config.windows.steps, config.sensor.scan_rate_hz, activity.touch_frames
     toggles, multiplies = activity.step_toggles * part.toggle_j, activity.step_multiplies * part.multiply_j
     per_step, switched = activity.step_cycles * part.clock_j + toggles + multiplies, toggles + multiplies
     switching = activity.frame_toggles * part.toggle_j  # of a frame, beyond its cycles

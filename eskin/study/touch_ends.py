@@ -36,7 +36,7 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     touches, ends = touches_and_ends(config, recordings)
-    touches = touches.take(~touches.partial)
+    touches = touches.take(touches.completed == config.windows.steps)
     if not len(having := touches.recording):
         raise InputError(
             f"recordings '{recordings.source}': none has a whole touch; energy needs one: look at their onsets with "

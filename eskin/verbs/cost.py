@@ -6,6 +6,7 @@
 Cycles are those of the schedule, e_... those of `eskin.study.energy`. Cells are a sum over what the
 design has (`parts_of`). These constants are fitted to counted netlists by ``python -m scripts.cost_model``,
 which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
+With ``window_mode`` whole FOLLOWING_TOGGLES stand in the place of FRAME_TOGGLES, and the touch is the longest.
 """
 
 import dataclasses
@@ -27,13 +28,16 @@ CODE = ("rtl", "verbs/cost.py", "verbs/build.py", "cosim/latency.py")
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""
 CELLS = {
-    "always": 542.4,
-    "taxels": 1.0,
-    "address bits": 12.1,
-    "lanes": 35.4,
-    "onset": 208.3,
-    "kinds beyond the mean": 274.5,
-    "few taxels": 322.6,
+    "always": 572.5,
+    "taxels": 1.2,
+    "address bits": 5.5,
+    "lanes": 35.6,
+    "onset": 214.6,
+    "kinds beyond the mean": 283.4,
+    "few taxels": 293.7,
+    "store": 322.5,
+    "hops of a window": 16.3,
+    "kinds of the store": 187.9,
 }
 """Logic cells of each part of a design, fitted to synthesised ones."""
 IMAGE_CELLS = {"always": 1210.2, "lanes": 25.7}
@@ -80,7 +84,9 @@ def estimated(config: AcceleratorConfig, part: str) -> Estimate:
 
 
 def parts_of(config: AcceleratorConfig) -> dict[str, float]:
-    """Number of each of CELLS in the design; address bits: of inputs and hidden units."""
+    """Number of each of CELLS in the design; address bits: of inputs and hidden units; the last three are of
+    ``window_mode`` whole alone."""
+    follows, kinds = config.follows_touch, config.kinds - 1
     hidden = config.network.hidden if config.recurrent else 0
     return {
         "always": 1,
@@ -88,8 +94,11 @@ def parts_of(config: AcceleratorConfig) -> dict[str, float]:
         "address bits": (config.inputs - 1).bit_length() + hidden.bit_length(),
         "lanes": config.hardware.lanes,
         "onset": not config.opens_at_once,
-        "kinds beyond the mean": config.kinds - 1,
-        "few taxels": config.sensor.taxels <= FEW_TAXELS and not config.opens_at_once,
+        "kinds beyond the mean": 0 if follows else kinds,
+        "few taxels": config.sensor.taxels <= FEW_TAXELS and not config.opens_at_once and not follows,
+        "store": follows,
+        "hops of a window": config.windows.store_per_window if follows else 0,
+        "kinds of the store": kinds if follows else 0,
     }
 
 

@@ -21,7 +21,7 @@ from eskin.cosim.results import Played
 from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, InputError, Result, check_target, write_json
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel
+from eskin.golden.model import IntegerModel, find_touches
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
@@ -140,11 +140,13 @@ def measure(
     clock_hz = slower_cycles(config, full) * config.sensor.scan_rate_hz
     how = dataclasses.replace(how, pace="declared", clock_hz=clock_hz)
     slow = flow.cosim(design, vectors, how, work=work / "slow")
+    played = find_touches(config, recordings)
+    played = played.take(played.first_touch())
     activity = energy.counted_activity(
         read_count(work / "full"),
         read_count(work / "slow"),
         frames=full.frames,
-        touch_frames=len(recordings) * config.last_frame,
+        touch_frames=int((played.ends(config)[:, -1] - played.start_frame + 1).sum()),
         steps=full.steps,
         recordings=len(recordings),
         quiet_frame_cycles=mean_frame_cycles(config)[1],

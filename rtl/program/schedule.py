@@ -71,14 +71,17 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
     return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + 3 * beyond
 
 
-def leaving_cycles(config: AcceleratorConfig) -> int:
-    """The most cycles that a window of ``window_mode`` whole takes to leave the store."""
-    per_value, windows = config.doublings + 6, config.windows
-    reads = sum(
-        config.stored_sums if kind == "integral" else windows.store_per_window
-        for kind in config.features.feature_kinds
-    )
-    return config.sensor.taxels * (config.kinds * per_value + reads) + windows.store_per_window + 2
+def leaving_cycles(config: AcceleratorConfig, sums: int = 0) -> float:
+    """Cycles that a window of ``window_mode`` whole takes to leave the store: the most, or the mean over the windows of a
+    touch of ``sums`` sums. The normaliser takes a value in two cycles, a window's first in three, or each in three
+    where means differ from input to input."""
+    windows, kinds = config.windows, config.features.feature_kinds
+    differ = config.constants > 1
+    most, steps = not sums, windows.steps
+    hops = windows.store_per_window if most else max(1.0, sums / steps)
+    since_onset = hops * steps if most else hops * (steps + 1) / 2
+    reads = sum(since_onset if kind == "integral" else hops + config.doublings for kind in kinds)
+    return config.sensor.taxels * (reads + (6 + differ + most) * config.kinds) + hops + 2 - differ
 
 
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
@@ -97,13 +100,16 @@ def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
     if rule.onset == "baseline":
         plain += VERDICT_CYCLES / rule.onset_check_frames
     ring = config.windows.window_mode == "touch" and not config.opens_at_once
-    running = plain + 3 * ring + (len(kinds) > 1 and "mean" in kinds)
+    running = plain + 3 * ring + (len(kinds) > 1 and "mean" in kinds and not config.follows_touch)
     if "activity" in kinds:
         running += taxels / config.features.activity_block
+    if config.follows_touch:  # the frames that fill the store, and the values at the end, while steps go on
+        words = config.stored_sums * taxels * (1 + ("activity" in kinds))
+        sums = config.last_frame // config.windows.hop >> config.doublings
+        leaving, step = leaving_cycles(config, sums), step_cycles(config)
+        beside = config.windows.steps * max(0, leaving - step) + min(leaving, step)
+        return running + (config.doublings * (words + 3) + beside) / config.last_frame, running
     windows = len({end for _, end in config.window_spans}) / config.last_frame
-    if config.follows_touch:  # the frames that fill the store, and the values that come out at the end
-        windows = config.doublings / config.last_frame
-        running += config.windows.steps * leaving_cycles(config) / config.last_frame
     return running + windows * (frame_cycles(config) - running), plain if ring else running
 
 

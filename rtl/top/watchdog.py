@@ -29,7 +29,7 @@ def longest_wait(config: AcceleratorConfig) -> int:
         else 2 * frame_cycles(config)
     )
     if config.follows_touch:
-        ring += leaving_cycles(config)
+        ring += int(leaving_cycles(config))
     pass_cycles = prototype_words(config) + config.windows.steps if config.readout_rule.taught else 0
     return ring + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
 

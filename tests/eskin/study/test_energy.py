@@ -21,6 +21,7 @@ ACTIVITY = Activity(
     step_cycles=200,
     step_toggles=30_000,
     step_multiplies=1_200,
+    touch_frames=6144,
     frame_cycles=16,
     quiet_frame_cycles=12,
     frame_toggles=900,
@@ -133,5 +134,6 @@ def test_idle_toggles_are_what_two_runs_differ_by():
     activity = counted_activity(full, slow, **counts)
     steps = (activity.step_cycles, activity.step_toggles, activity.step_multiplies)
     assert steps == (77, 110, 75)
-    assert (activity.frame_cycles, activity.quiet_frame_cycles) == (39, 19)
+    frames = (activity.touch_frames, activity.frame_cycles, activity.quiet_frame_cycles)
+    assert frames == (24, 39, 19)
     assert (activity.frame_toggles, activity.idle_toggles) == (10, 2)

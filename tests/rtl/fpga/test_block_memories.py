@@ -10,7 +10,8 @@ from eskin.rtl.fpga import block_memories
 
 
 def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
-    """A 24-bit memory takes two blocks of 256 x 16, one of 300 words too; two readers double it; of a ROM
+    """A 24-bit memory takes two blocks of 256 x 16, one of 300 words too; rows of 21 bits share
+    blocks; two readers double it; of a ROM
     columns that stay take nothing, a short one is made of LUTs; few bits become flip-flops unless a block is asked for."""
 
     class Small(wiring.Component):
@@ -19,8 +20,8 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
 
         def elaborate(self, platform):
             m = Module()
-            attributes = [{}, {}, {}, {}, {"ram_style": "block"}, {"ram_style": "huge"}]
-            shapes = [(24, 16), (9, 300), (16, 5), (16, 4), (16, 4), (16, 600)]
+            attributes = [{}, {}, {}, {}, {}, {"ram_style": "block"}, {"ram_style": "huge"}]
+            shapes = [(24, 16), (9, 300), (21, 2576), (16, 5), (16, 4), (16, 4), (16, 600)]
             for number, ((width, depth), attribute) in enumerate(zip(shapes, attributes, strict=True)):
                 m.submodules[f"memory_{number}"] = memory = Memory(
                     shape=width, depth=depth, init=[], attrs=attribute
@@ -41,4 +42,6 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
 
     monkeypatch.setattr(block_memories, "_accelerator", lambda config: Small())
     shapes = ((256, 16), (512, 8), (1024, 4), (2048, 2))
-    assert block_memories.block_memories(PRESETS["pvdf"], "ice40", shapes) == 2 + 2 + 1 + 0 + 1 + 0 + 1 + 2
+    assert (
+        block_memories.block_memories(PRESETS["pvdf"], "ice40", shapes) == 2 + 2 + 16 + 1 + 0 + 1 + 0 + 1 + 2
+    )
