@@ -16,12 +16,12 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import torch
+from joblib import Parallel
 from matplotlib.figure import Figure
 
 from eskin.choose.front_ends import FrontEndSearch
@@ -103,7 +103,7 @@ def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) 
         return stop() if len(judge.tried) > JUDGED else judge_it(judge, config)
 
     FrontEndSearch.judge = judged  # type: ignore[method-assign]
-    torch.Tensor.backward = torch.autograd.grad = ProcessPoolExecutor.submit = stability.judge = stop  # type: ignore
+    torch.Tensor.backward = torch.autograd.grad = Parallel.__call__ = stability.judge = stop  # type: ignore
     if not draws:
         Figure.__init__ = stop  # type: ignore
     sys.addaudithook(hook)
