@@ -65,7 +65,7 @@ class StimulatorFrames(wiring.Component):
         # a channel's place in the bodies: its number less 1
         coming = Array([Const(number - 1) for number in ELECTRODES])[self.electrode]
         channel = Signal.like(coming)
-        electrode = self.of_burst = Signal(range(24))
+        electrode = self.of_burst = Signal.like(self.electrode)
         frame = self.frame = Signal(range(OFF + 1))
         place = self.place = Signal(range(69))
         sending = Signal()
