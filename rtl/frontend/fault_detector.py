@@ -63,10 +63,10 @@ class FaultDetector(Block):
         # --- frame_in_block in the block; memory contents of an earlier recording are never looked at
         frame_in_block = Signal(ceil_log2(config.faults.fault_frames), init=-1)
         judged = Signal()  # this block is
-        known = Signal()  # a block was: the flags in memory are this recording's
+        known = Signal()  # it was before this frame: the flags in memory are this recording's
         block_first, block_last = frame_in_block == 0, frame_in_block.all()
         with m.If(self.i.valid & (self.i.taxel == 0)):
-            m.d.sync += [frame_in_block.eq(frame_in_block + 1), known.eq(known | (block_last & judged))]
+            m.d.sync += [frame_in_block.eq(frame_in_block + 1), known.eq(judged)]
         with m.If(fresh & block_first):
             m.d.sync += judged.eq(~self.settling)
 
@@ -77,7 +77,8 @@ class FaultDetector(Block):
         at_end = (sample == 0) | sample.all()  # of the range: such a change counts as a rise of 0
         rises = complement[-1] | at_end
         magnitude = complement ^ (~complement[-1]).replicate(bits) | at_end.replicate(bits)  # always negative
-        low, high = Cat(magnitude, Const(1, 1).replicate(width))[:width], Cat(magnitude[width:], Const(1, 1))
+        extended = Cat(magnitude, Const(1, 1).replicate(width))
+        low, high = extended[:width], extended[width:]
         left = Signal(width + 1)  # its carry shows that it is not below 0
         m.d.comb += left.eq(before.left + low + rises)
         active = ~block_first & (before.active | ~left[-1] | ~high.all())

@@ -59,7 +59,7 @@ class RestLevel(wiring.Component):
                 "negative",
                 "w_enable",
                 coming_index=index,
-                sample=signed(config.sensor.sample_bits + 1),
+                sample=signed(config.sensor.sample_bits),
                 w_index=index,
                 w_level=self.level_bits,
             )
@@ -78,7 +78,7 @@ class RestLevel(wiring.Component):
             Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
         )
         drive(m, read, addr=self.coming_index, en=self.advance)
-        m.d.comb += self.deviation.eq(deviation[1 : bits + 2])
+        m.d.comb += self.deviation.eq(deviation[1:])
         drive(m, write, addr=self.w_index, data=self.w_level, en=self.w_enable)
         held = Signal(self.level_bits, reset_less=True)
         sample = Signal(bits, reset_less=True)

@@ -66,25 +66,26 @@ class I2cMaster(Block):
     def elaborate(self, platform):
         m, quarter = Module(), self.spec
         pins = self.pins
-        sda = Signal(init=1)
-        m.submodules.synchroniser = FFSynchronizer(pins.sda, sda, init=1)
+        sda = Signal()
+        m.submodules.synchroniser = FFSynchronizer(pins.sda, sda)
         timer = Signal(range(quarter))
         quarters = Signal(range(37))  # to go
         op = Signal(I2cOp)
-        out = Signal(9, init=0x1FF)
+        byte = Cat(1, self.byte)
+        bits = Signal(len(byte))  # what goes out, high bits first; what comes in follows it
         over = timer == 0
         phase = 3 - (quarters - 1)[:2]  # 0..3 within a bit
-        drive(m, self, idle=quarters == 0, done=(quarters == 1) & over)
+        drive(m, self, idle=quarters == 0, done=(quarters == 1) & over, heard=bits[1:], acknowledged=~bits[0])
         with m.If(quarters == 0), m.If(self.start):
             is_bit = (self.op == I2cOp.START) | (self.op == I2cOp.STOP)
             m.d.sync += [op.eq(self.op), quarters.eq(Mux(is_bit, 4, 36)), timer.eq(quarter - 1)]
             with m.Switch(self.op):
                 with m.Case(I2cOp.WRITE):
-                    m.d.sync += out.eq(Cat(1, self.byte))
+                    m.d.sync += bits.eq(byte)
                 with m.Case(I2cOp.READ):
-                    m.d.sync += out.eq(0x1FE)
+                    m.d.sync += bits.eq(~1)
                 with m.Case(I2cOp.LAST):
-                    m.d.sync += out.eq(0x1FF)
+                    m.d.sync += bits.eq(-1)
         with m.Elif(~over):
             m.d.sync += timer.eq(timer - 1)
         with m.Else():
@@ -92,7 +93,9 @@ class I2cMaster(Block):
             # what the lines do when a quarter ends
             with m.Switch(phase):
                 with m.Case(0):
-                    m.d.sync += pins.sda_low.eq(Mux(op == I2cOp.START, 0, Mux(op == I2cOp.STOP, 1, ~out[8])))
+                    m.d.sync += pins.sda_low.eq(
+                        Mux(op == I2cOp.START, 0, Mux(op == I2cOp.STOP, 1, ~bits[-1]))
+                    )
                 with m.Case(1):
                     m.d.sync += pins.scl_low.eq(0)
                 with m.Case(2):
@@ -101,9 +104,7 @@ class I2cMaster(Block):
                     with m.Elif(op == I2cOp.STOP):
                         m.d.sync += pins.sda_low.eq(0)
                     with m.Else():
-                        m.d.sync += [out.eq(Cat(1, out)), self.acknowledged.eq(~sda)]
-                        with m.If(quarters > 4):
-                            m.d.sync += self.heard.eq(Cat(sda, self.heard))
+                        m.d.sync += bits.eq(Cat(sda, bits))
                 with m.Case(3):
                     m.d.sync += pins.scl_low.eq(op != I2cOp.STOP)
         return m

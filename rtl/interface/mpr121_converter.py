@@ -1,15 +1,14 @@
 """Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification_interfaces.md
 section 12)."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
-from amaranth.hdl import Array, Const, Module, Mux, Signal
-from amaranth.lib import data
+from amaranth.hdl import Array, Module, Mux, Signal
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters import mpr121
 from eskin.golden.core.converters.mpr121 import FULL, MprPlan
-from eskin.rtl.common import Block, drive, forward, outputs, struct
+from eskin.rtl.common import Block, drive, forward, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 
@@ -17,16 +16,13 @@ from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 @dataclass(frozen=True)
 class Step:
     """One operation on the bus. compare: the byte read must be ``byte``; keep: it is the lower (1) or upper
-    (2) byte of an electrode; pause: 1 the time after a reset, 2 that until data count."""
+    (2) byte of an electrode; pause: cycles behind it."""
 
     op: I2cOp
     byte: int = 0
     compare: bool = False
     keep: int = 0
     pause: int = 0
-
-
-STEP = struct(op=3, byte=8, compare=1, keep=2, pause=2)
 
 
 def _message(address: int, *words: int, pause: int = 0) -> list[Step]:
@@ -49,12 +45,14 @@ def start_up(plan: MprPlan) -> list[Step]:
     steps = [Step(I2cOp.LAST), Step(I2cOp.START), Step(I2cOp.STOP)]
     for chip in range(plan.chips):
         address = mpr121.ADDRESS + chip
-        steps += _message(address, mpr121.SOFT_RESET, mpr121.RESET_WORD, pause=1)
+        steps += _message(address, mpr121.SOFT_RESET, mpr121.RESET_WORD, pause=plan.reset)
         steps += _message(address, mpr121.ECR, 0)
         steps += _reading(address, mpr121.CONFIG2, [Step(I2cOp.LAST, mpr121.CONFIG2_AT_RESET, compare=True)])
         steps += _message(address, mpr121.THRESHOLDS, *(mpr121.TOUCH, mpr121.RELEASE) * 12)
         steps += _message(address, mpr121.CONFIG1, *mpr121.SETTINGS)
-        steps += _message(address, mpr121.ECR, mpr121.RUNNING, pause=2 if chip == plan.chips - 1 else 0)
+        steps += _message(
+            address, mpr121.ECR, mpr121.RUNNING, pause=plan.first if chip == plan.chips - 1 else 0
+        )
     return steps
 
 
@@ -94,12 +92,9 @@ class Mpr121Converter(Block):
         m.submodules.master = master = I2cMaster(plan.quarter)
         forward(m, self, master, "pins")
         setting_up, reading = start_up(plan), frame(plan)
-        program = [STEP.const(vars(word) | {"op": word.op.value}) for word in setting_up + reading]
+        program = setting_up + reading
         at = Signal(range(len(program)))
-        step = data.View(STEP, Signal(STEP.size))
-        m.d.comb += step.as_value().eq(
-            Array([Const(word.as_value().value, STEP.size) for word in program])[at]
-        )
+        step = Step(*(Array(column)[at] for column in zip(*map(astuple, program), strict=True)))
 
         total = sum(plan.electrodes)
         electrodes = Array([Signal(bits, name=f"electrode{k}") for k in range(total)])
@@ -142,14 +137,7 @@ class Mpr121Converter(Block):
         def begin(fault):
             """The start-up after a frame or step, with its fault."""
             drive(m, self, finished=1, fault=fault)
-            m.d.sync += [
-                running.eq(1),
-                fresh.eq(1),
-                at.eq(0),
-                issued.eq(0),
-                timer.eq(plan.reset),
-                index.eq(0),
-            ]
+            m.d.sync += [running.eq(1), fresh.eq(1), at.eq(0), timer.eq(plan.reset)]
 
         with m.If(expanding):
             m.d.sync += [cell.eq(cell + 1), column.eq(Mux(last_column, 0, column + 1))]
@@ -168,14 +156,10 @@ class Mpr121Converter(Block):
             with m.Elif(master.idle):  # only after an upset: the operation that is waited for is not there
                 m.d.sync += issued.eq(0)
             with m.If(master.done & issued):
-                m.d.sync += [
-                    issued.eq(0),
-                    at.eq(at + 1),
-                    timer.eq(Mux(step.pause[1], plan.first, Mux(step.pause[0], plan.reset, 0))),
-                ]
-                with m.If(step.keep[0]):
+                m.d.sync += [issued.eq(0), at.eq(at + 1), timer.eq(step.pause)]
+                with m.If(step.keep == 1):
                     m.d.sync += lower.eq(master.heard)
-                with m.If(step.keep[1]):
+                with m.If(step.keep == 2):
                     code = (master.heard << 8 | lower)[:bits]
                     m.d.sync += [
                         electrodes[index].eq(code),
@@ -190,7 +174,7 @@ class Mpr121Converter(Block):
                     m.d.sync += [running.eq(0), fresh.eq(0)]
                 with m.If(at == len(program) - 1):
                     m.d.sync += [running.eq(0), expanding.eq(1), row.eq(0), column.eq(0), cell.eq(0)]
-                with m.If((step.op == I2cOp.WRITE.value) & ~master.acknowledged):
+                with m.If((step.op == I2cOp.WRITE) & ~master.acknowledged):
                     begin(int(ConverterFault.SILENT))
                 with m.Elif(step.compare & (master.heard != step.byte)):
                     begin(int(ConverterFault.READBACK))
@@ -198,7 +182,6 @@ class Mpr121Converter(Block):
             m.d.sync += [
                 running.eq(1),
                 at.eq(len(setting_up)),
-                issued.eq(0),
                 index.eq(0),
                 wrong.eq(0),
                 dead.eq(0),

@@ -62,8 +62,10 @@ class StimulatorFrames(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         held = Signal(settings_layout)  # what the burst under way has
-        channel = Signal(range(31))
-        electrode = self.of_burst = Signal(range(24))
+        # a channel's place in the bodies: its number less 1
+        coming = Array([Const(number - 1) for number in ELECTRODES])[self.electrode]
+        channel = Signal.like(coming)
+        electrode = self.of_burst = Signal.like(self.electrode)
         frame = self.frame = Signal(range(OFF + 1))
         place = self.place = Signal(range(69))
         sending = Signal()
@@ -84,10 +86,10 @@ class StimulatorFrames(wiring.Component):
             for number, name in enumerate(BODIES):
                 with m.Case(number):
                     if name == "SA":
-                        m.d.comb += body.eq(Mux(index == channel - 1, channel - 1, 0xFF))
+                        m.d.comb += body.eq(Mux(index == channel, channel, 0xFF))
                     elif name in ("C1", "C2"):
-                        mine = (channel - 1)[4] == int(name == "C2")
-                        m.d.comb += body.eq(Mux(mine & (index[:4] == (channel - 1)[:4]), held.amplitude, 0))
+                        mine = channel[4] == int(name == "C2")
+                        m.d.comb += body.eq(Mux(mine & (index[:4] == channel[:4]), held.amplitude, 0))
                     else:
                         value = held[{"SD": "delay", "SF": "frequency", "SW": "width"}[name]]
                         high, low = BODIES[name] - 2, BODIES[name] - 1
@@ -123,7 +125,7 @@ class StimulatorFrames(wiring.Component):
                     frame.eq(0),
                     sending.eq(1),
                     electrode.eq(self.electrode),
-                    channel.eq(Array([Const(number) for number in ELECTRODES])[self.electrode]),
+                    channel.eq(coming),
                 ]
                 for name, limit in self._limits.items():
                     m.d.sync += held[name].eq(Mux(self.settings[name] > limit, limit, self.settings[name]))

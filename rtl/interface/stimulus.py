@@ -46,7 +46,7 @@ class Stimulus(wiring.Component):
         config, interface = self._config, self._config.interface
         told = Signal()
         wanted = Signal()
-        electrode = Signal(range(24))
+        electrode = Signal.like(self.electrode)
         if interface.stimulator == "decisions":
             table = interface.electrodes or tuple(range(1, config.classes + 1))
             label = self.decision.payload["class"]

@@ -122,9 +122,8 @@ class TouchPosition(Block):
                 left.eq(left - 1),
             ]
             with m.If(left == 1):
-                m.d.sync += quotient.eq(0)
                 with m.If(second):
-                    m.d.sync += [y.eq(rounded), known.eq(1), second.eq(0)]
+                    m.d.sync += [y.eq(rounded), known.eq(1)]
                 with m.Else():
                     m.d.sync += [x.eq(rounded), rest.eq(other), left.eq(bits), second.eq(1)]
         over = Signal()  # the frame has no touched cell, and the frame before had
@@ -139,7 +138,6 @@ class TouchPosition(Block):
                     peak.eq(at_now),
                     left.eq(bits),
                     second.eq(0),
-                    quotient.eq(0),
                 ]
         # ---------------------------------------------------------------- the way from a touch's first position to its last
         fresh = Signal(init=1)  # the next position is a touch's first
@@ -162,6 +160,6 @@ class TouchPosition(Block):
             m.d.sync += fresh.eq(1)
         with m.If(self.clear):
             m.d.sync += [
-                signal.eq(signal.init) for signal in (*frame, inside, left, second, touch, known, over, fresh)
+                signal.eq(signal.init) for signal in (*frame, inside, left, touch, known, over, fresh)
             ]
         return m

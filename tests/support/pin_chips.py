@@ -56,7 +56,7 @@ class MprSlave:
     """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not
     acknowledge. ecr: register 0x5E, by address; where that is 0 electrodes read 0. written: (address,
     register, value) in their order. shortest: cycles that the clock was low or high at least. idle: clocks behind a
-    stop."""
+    stop. pauses: cycles from a stop to the next start, by what was written last."""
 
     def __init__(self, pins, electrodes, config2=0x24) -> None:
         self.pins, self.electrodes, self.config2 = pins, electrodes, config2
@@ -64,6 +64,7 @@ class MprSlave:
         self.upper, self.shortest, self.idle = 0, 1 << 20, 0
         self.ecr = {0x5A: 0, 0x5B: 0}
         self.written: list[tuple[int, int, int]] = []
+        self.pauses: dict[tuple[int, int, int], set[int]] = {}
 
     def register(self, address: int, number: int) -> int:
         if number == 0x5D:
@@ -84,6 +85,8 @@ class MprSlave:
             if scl != scl_was:
                 self.shortest, since = min(self.shortest, since), 0
             if scl and scl_was and sda != sda_was:
+                if mode == "off" and not sda and self.written:
+                    self.pauses.setdefault(self.written[-1], set()).add(since)
                 mode, bits, word, pulls = ("address", 0, 0, False) if not sda else ("off", 0, 0, False)
             elif scl and not scl_was and mode == "off":
                 self.idle += 1

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 class SpiSlave:
     """One chip for each data line. ``answers(line)`` is asked when select falls and gives the word that the
-    line says, highest bit first; heard: the words that came in, a list for every transfer; edges: cycles of
+    line says, highest bit first; heard: of every transfer the select lines that fell, the bits and the word that came in; edges: cycles of
     every change of select and clock."""
 
     def __init__(self, pins, bits: int, answers: Callable[[int, int], int]) -> None:
         self.pins, self.bits, self.answers = pins, bits, answers
-        self.heard: list[tuple[int, int]] = []
+        self.heard: list[tuple[int, int, int]] = []
         self.edges: list[tuple[int, str, int]] = []
 
     async def play(self, ctx) -> None:
@@ -25,7 +25,7 @@ class SpiSlave:
             if now != select:
                 self.edges.append((cycle, "select", now))
                 if now == idle:
-                    self.heard.append((sent, heard))
+                    self.heard.append((idle & ~select, sent, heard))
                 else:
                     words, sent, heard = [self.answers(line, select & ~now) for line in range(lines)], 0, 0
             elif now != idle and level and not clock:

@@ -3,7 +3,7 @@ schedule."""
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module
+from amaranth.hdl import Fragment, Module
 from amaranth.lib import wiring
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
@@ -23,6 +23,8 @@ class EngineBench(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images) -> None:
         self.engine, self.classifier = Engine(config, images), Classifier(config)
+        # there constants share a memory with partial sums
+        self.platform = "ecp5" if config.hardware.lanes > 2 else None
         super().__init__(
             {
                 "i": self.engine.signature.members["i"],
@@ -33,7 +35,8 @@ class EngineBench(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.engine, m.submodules.classifier = engine, classifier = self.engine, self.classifier
+        engine, classifier = self.engine, self.classifier
+        m.submodules.engine, m.submodules.classifier = Fragment.get(engine, self.platform), classifier
         wiring.connect(m, wiring.flipped(self.i), engine.i)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
         m.d.comb += [

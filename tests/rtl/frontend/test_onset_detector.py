@@ -106,6 +106,14 @@ def test_a_band_and_a_threshold_must_be_exceeded(name, sign, excess):
     assert len(flags["started"]) == excess
 
 
+@each_row("toward", [0, 1])
+def test_every_level_between_two_codes(toward):
+    """It settles, and shows where it is by the frame in which it has come half of the way to a code."""
+    config, taxels = CASES["band tracked"].replace(taxels=20, rest_frames=20), np.arange(20)
+    stream = REST + np.vstack([taxels[:, None] < taxels, np.full((12, 20), toward)])
+    assert values(run(config, sample_beats(stream))[0]) == frame_beats(config, detect(config, stream))
+
+
 def repaired(stream, beats_of_frame):
     """The frames the detector makes of broken ones: missing taxels repeat the last sample."""
     rows = [

@@ -47,6 +47,10 @@ def test_every_cell_of_its_electrodes(config):
     set_up = [(0x80, 0x63), (0x5E, 0), *((0x41 + k, (12, 6)[k % 2]) for k in range(24))]
     set_up += [(0x5C, 0x10), (0x5D, 0x20), (0x5E, 0x8F)]
     assert chip.written == [(0x5A + chip, *word) for chip in range(plan.chips) for word in set_up]
+    waits = {(0x80, 0x63): plan.reset, (0x5E, 0): 0, (0x58, 6): 0, (0x5D, 0x20): 0}
+    for address in range(0x5A, 0x5A + plan.chips):
+        assert [chip.pauses[address, *word] for word in waits] == [{16 + cycles} for cycles in waits.values()]
+    assert max(chip.pauses[address, 0x5E, 0x8F]) == 18 + plan.first  # and the frame is asked for
 
 
 REST, ZEROS, FULL, RUNNING = [700 + k for k in range(12)], [0] * 12, [1023] * 12, 0x8F

@@ -54,7 +54,7 @@ def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
     codes = random.Random(name).choices(range(1, 4095), k=16)
     frame, chips = frame_of(name, codes, count=2)
     assert frame.codes == dict(enumerate(codes)) and not frame.fault
-    assert [command for _, command in chips.heard] == 2 * [command for _, command in plan.transfers]
+    assert chips.heard == 2 * [(1 << group, chip.bits, command) for group, command in plan.transfers]
     stuck = range(16) if name.startswith("ad7476") else [plan.lines - 1]
     for level in (0, (1 << chip.bits) - 1):
 

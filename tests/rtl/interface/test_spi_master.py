@@ -40,13 +40,8 @@ def test_words_cross_and_every_time_is_kept(shape):
     bench = Bench(dut)
     answers = [[rng.getrandbits(bits) for _ in range(plan.lines)] for _ in range(12)]
     requests = [(rng.randrange(plan.selects), rng.getrandbits(bits)) for _ in answers]
-    got, starts, picked = [], [], []
-
-    def answer(line, fell):
-        picked.append(fell)
-        return answers[len(got)][line]
-
-    slave = SpiSlave(dut.pins, bits, answer)
+    got, starts = [], []
+    slave = SpiSlave(dut.pins, bits, lambda line, fell: answers[len(got)][line])
     bench._sim.add_testbench(slave.play, background=True)
 
     async def play(ctx):
@@ -65,8 +60,7 @@ def test_words_cross_and_every_time_is_kept(shape):
 
     bench.process(play)
     bench.run()
-    assert got == answers and slave.heard == [(bits, command) for _, command in requests]
-    assert picked[:: plan.lines] == [1 << select for select, _ in requests]
+    assert got == answers and slave.heard == [(1 << select, bits, command) for select, command in requests]
     assert {later - earlier for earlier, later in pairwise(starts)} == {plan.transfer_cycles}
     selects = [cycle for cycle, what, _ in slave.edges if what == "select"]
     clocks = [cycle for cycle, what, _ in slave.edges if what == "clock"]
