@@ -45,7 +45,7 @@ class Beside:
 
 _inside = f"{__path__[0]}/golden"
 if os.path.islink(_inside) or not os.path.isdir(_inside):
-    sys.meta_path.insert(0, Beside)  # before the links: a module has one file, the one that git knows
+    sys.meta_path.insert(0, Beside)  # before the links: a module has one file, which git knows
 
 __version__ = version("eskin")
 

@@ -94,7 +94,7 @@ class Model:
     seed : int
         For `fit`: of the model that is kept.
     prefer : {"energy", "cells", "latency"}
-        For `fit`: what is least in the candidate taken, of those level with the best.
+        For `fit`: the cost to minimise among candidates level with the best.
     fits : str or None
         For `fit`: the board that has to hold it; None: the icebreaker where anything level fits it.
     sample_rate_hz : float or None
@@ -157,7 +157,7 @@ class Model:
 
     # ------------------------------------------------------------------ what scikit-learn's tools ask for
     def get_params(self, deep: bool = True) -> Record:
-        """The parameters as they were given; ``deep`` says nothing here, no parameter has its own."""
+        """The parameters as they were given; ``deep`` says nothing here: no parameter has parameters."""
         return dict(self._parameters)
 
     def set_params(self, **parameters: Any) -> Self:
@@ -427,7 +427,7 @@ class Model:
         -------
         numpy.ndarray
             float64 (recordings, classes), in the order of `classes_`; rows add up to 1. Without a decision
-            equal shares, of a fitted model those of the training.
+            equal shares, of a fitted model the shares in the training.
         """
         return probabilities(self._scores(frames, integer), votes=self._votes)
 
@@ -496,7 +496,7 @@ class Model:
         return self
 
     def forget(self, label: int | str | None = None) -> Model:
-        """Forget the touches that a class was taught; None: those of every class.
+        """Forget the touches that a class was taught; None: of every class.
 
         Raises
         ------
@@ -643,7 +643,7 @@ def _targets(
     labels: ArrayLike, config: AcceleratorConfig | None
 ) -> tuple[np.ndarray, Sequence[str], np.ndarray]:
     """(classes by their index, their names, the labels as `Recordings.of` takes them) of a list of arrays. A
-    preset has no classes of its own; a configuration's stay in its order, and numbers are their indices."""
+    preset has no classes; a configuration's stay in its order, and numbers are their indices."""
     from sklearn.utils import column_or_1d
     from sklearn.utils.multiclass import check_classification_targets
 

@@ -26,7 +26,7 @@ Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
 
 Results = Generator[tuple[str, Any], None, None]
-"""Key and result of each piece, as they arrive; what is not finished is given up when it is closed."""
+"""Key and result of each piece, as they arrive; unfinished pieces are given up when it is closed."""
 
 DIED = "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
 

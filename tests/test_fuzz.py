@@ -203,7 +203,10 @@ def test_the_fuzzer_sees(corpus, tmp_path, monkeypatch, defect):
     monkeypatch.setattr(reader, "load_recordings", names["broken"])
     monkeypatch.setattr(watched, "PROCESSOR_S", 1)
     make_case(corpus, tmp_path / "case")
-    assert watched.watched(tmp_path / "case", ["inspect", "../in/recordings.npz"]).outcome == defect.partition(",")[0]
+    assert (
+        watched.watched(tmp_path / "case", ["inspect", "../in/recordings.npz"]).outcome
+        == defect.partition(",")[0]
+    )
 
 
 # ---------------------------------------------------------------------- what it found

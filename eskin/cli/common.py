@@ -120,7 +120,7 @@ class FrontEndOptions(DataOptions):
 
 
 class ChoiceOptions(TrainingSettings, FrontEndOptions):
-    """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
+    """Recordings to choose, judge and train a network on; all that the user does not ask for is chosen."""
 
     group: str | None = option("Group arrays A[,B..] kept on one side of every split.")
     cell: CellChoice | None = option("Cell, or network for images. auto: the cheapest that is good enough.")
@@ -183,7 +183,7 @@ def spelled(sentence: str) -> str:
     return re.sub(r"`(\w+)`", lambda found: spellings().get(found[1], found[0]), sentence)
 
 
-# ---------------------------------------------------------------------- the console, and what is read
+# ---------------------------------------------------------------------- the console, and recordings
 console = Console()
 if not console.is_terminal:  # a file or a pipe has no width: tables are not broken there
     console = Console(width=max(console.width, 160))
@@ -246,6 +246,6 @@ def integer_model(folder: Path):
 
 
 def recordings_for(data: str | None, config):
-    """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said. None
+    """Recordings that fit a model's configuration; recordings of another scale are brought to its codes, which is said. None
     without data."""
     return None if data is None else for_model(load(data, config=config), config, warn)

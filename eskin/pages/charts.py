@@ -39,7 +39,7 @@ STYLE: dict[Any, Any] = {
 
 
 def svg(figure: Figure) -> str:
-    """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never
+    """The figure as a data address for an ``img``: a separate image, so that ids of two figures never
     meet."""
     letters = {ord(letter) for text in figure.findobj(Text) for letter in text.get_text()}
     known = get_font(findfont(STYLE["font.family"])).get_charmap().keys() | {ord("\n")}

@@ -1,6 +1,6 @@
 """Results in words: a template for each, in `templates`, rendered for a page or for a terminal.
 
-A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars
+A page's template is HTML. A terminal's is Markdown, ``NAME.txt.j2``: a heading and lines between bars
 are a table, which is left out where it has no row; any other line is a sentence, on standard error where it
 begins with ``! ``. Bars and line ends inside a value are not read as table syntax. None becomes a dash.
 """

@@ -3,7 +3,7 @@ recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
-touch at a time, are those of the processor, in one thread.
+touch at a time, are of the processor, in one thread.
 """
 
 import inspect
@@ -142,7 +142,7 @@ class Method:
 class Network(Method):
     """A recurrent network in float, trained by our recipe or another; all parts at once.
 
-    ``changed``: configuration -> the one that the network has, and its recipe.
+    ``changed``: configuration -> the configuration that the network has, and its recipe.
     """
 
     changed: Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
@@ -207,7 +207,7 @@ class MethodLearner:
 
 
 def method_row(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int]) -> Record:
-    """The row of baselines.json of a piece: a method, what is left out, seeds, number of folds.
+    """The row of baselines.json of a piece: a method, the groups left out, seeds, number of folds.
 
     Returns
     -------

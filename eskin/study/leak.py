@@ -94,7 +94,7 @@ def known_from_first_frames(model: IntegerModel, recordings: Recordings) -> Leak
 def _known(
     model: IntegerModel, recordings: Recordings, cut: Recordings, onsets: np.ndarray | None = None
 ) -> tuple[float, float]:
-    """(the share of recordings that the model classifies from what is ``cut`` of them, at forced onsets if there are
+    """(the share of recordings that the model classifies from the parts ``cut`` of them, at forced onsets if there are
     some; chance)."""
     touches = preprocess.find_touches(model.config, cut, onsets=onsets)
     right = np.zeros(len(recordings), dtype=bool)

@@ -130,7 +130,7 @@ class Batches:
         return torch.where(self._integral, torch.sign(sums) * torch.log2(1 + sums.abs()), moved)
 
     def _offset(self, of_taxel: torch.Size) -> torch.Tensor:
-        """Codes (parts, batch, steps, taxels) by which one taxel, and all together, are off; those of all drift."""
+        """Codes (parts, batch, steps, taxels) by which one taxel, and all together, are off; codes of all drift."""
         generator, (*touch, _, taxels) = self._generator, of_taxel
         one, all_together, drift = torch.randn((3, *touch, 1, 1), generator=generator)
         steps = self._config.windows.steps
@@ -141,7 +141,7 @@ class Batches:
         return unit * (OFFSET * one * off + COMMON * all_together + DRIFT * drift * time)
 
     def _lost(self, of_taxel: torch.Size) -> torch.Tensor:
-        """Features of lost taxels: of each as often those of a masked one and those of one at rest."""
+        """Features of lost taxels: of each as often the features of a masked one as of one at rest."""
         if self._config.rest_level.rest == "none":  # a level that is not subtracted remains
             return torch.zeros(())
         masked = torch.rand(of_taxel, generator=self._generator) < 0.5

@@ -162,7 +162,7 @@ def train_integers(
     rate: float,
     progress: Progress,
 ) -> list[tuple[IntegerModel, Arrays]]:
-    """Continue the training of each network in its own integer arithmetic, starting from the float one: (the
+    """Continue the training of each network in its own integer arithmetic, starting from the float network: (the
     integers, their real weights).
 
     Networks of the same formats train at once; ``batches_of`` gets their configuration and numbers.
@@ -199,7 +199,7 @@ def fine_tune(
     """Quantisation-aware training: trains an integer network from each float network, in integer arithmetic.
     Feature bits that no format could use are refused.
 
-    Formats are chosen once, from the ranges of the network on its own part.
+    Formats are chosen once, from the ranges of the network on its part.
     """
     starts = [post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
     for start in starts:

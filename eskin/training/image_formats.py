@@ -93,7 +93,7 @@ def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> Fl
     its weights, m of its map and v of the weights that read it. That brings w s, m s and v / s of a layer's
     channels closest together, by least squares of their logarithms (after Nagel et al., Data-free
     quantization through weight equalization, 2019, who have w and v). Then each layer as a whole, from the
-    first one on, gets the one of ALIGNMENTS with the least mean square error of the integer logits (weights
+    first one on, gets that member of ALIGNMENTS with the least mean square error of the integer logits (weights
     of ``weight_bits``).
     """
     stages = model.config.weighted_stages

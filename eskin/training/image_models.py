@@ -2,7 +2,7 @@
 train`, `quantise` and `evaluate` with an archive of images.
 
 ``auto`` trains three networks of NETWORKS on the same folds and takes, of those level with the best
-(`eskin.training.level`), the one with the fewest multiplies.
+(`eskin.training.level`), the network with the fewest multiplies.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ CANDIDATES = ("tactnet", "four", "tactnet-half")
 """Networks among which ``auto`` chooses."""
 
 CHOOSING_EPOCHS = 60
-"""Epochs for training a candidate; the one taken is trained with the recipe's number of epochs."""
+"""Epochs for training a candidate; the network taken is trained with the recipe's number of epochs."""
 
 KEPT = Path("build/image_networks")
 """Cache of judged networks of cross-validations, by content; shared by all verbs, safe to delete."""
@@ -131,7 +131,7 @@ def train_image_model(
     if folds:
         jobs, groups = Jobs(workers=workers, progress=progress), list(wanted.groups or [])
         everything = np.arange(len(recordings))
-        every = [  # every seed deals its own folds
+        every = [  # every seed deals other folds
             fold
             for each in range(seed, seed + seeds)
             for fold in folds_of(
@@ -233,7 +233,7 @@ def _candidate_rows(
     correct: Sequence[np.ndarray],
     seeds: int,
 ) -> list[Record]:
-    """Rows of each network for training.json; of those tied with the best the one with the fewest multiplies
+    """Rows of each network for training.json; of networks tied with the best that with the fewest multiplies
     is chosen.
 
     correct: for each network the share of seeds that were right, for each image.

@@ -80,7 +80,7 @@ def quantise(
         used.
     readout:
         ``dense``: logits decide. A mapping: prototypes decide, made from ``recordings``; it holds groups
-        (None: those of the training) and further parameters of `eskin.training.prototypes.with_prototypes`.
+        (None: the groups of the training) and further parameters of `eskin.training.prototypes.with_prototypes`.
         None: as in config.json.
     aware:
         Quantisation-aware: the training continues with integers of these widths, with the seed and the recipe

@@ -3,7 +3,7 @@ integers of the hardware.
 
 A `Learner` makes a `Decider` of each part. `judge` asks the deciders about recordings that they have not seen.
 Its result is one table, `Decisions`, from which every figure comes. A search is a learner, too
-(`eskin.choose.choice.Searched`): the figure of a choice is judged like that of a network.
+(`eskin.choose.choice.Searched`): a choice is judged like a network.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class FittedNetwork:
 
 @dataclass(frozen=True, eq=False)
 class NetworkLearner:
-    """The network of a configuration, trained by a recipe and quantised with ranges of its own part; all parts
+    """The network of a configuration, trained by a recipe and quantised with ranges of its part; all parts
     train at once."""
 
     datasets: Datasets
@@ -212,7 +212,7 @@ class Decisions:
         return self.table["seed"].unique().tolist()
 
     def joined(self, other: Decisions) -> Decisions:
-        """These decisions and those of ``other``."""
+        """These decisions and the decisions of ``other``."""
         table = pd.concat([self.table, other.table], ignore_index=True)
         local = np.concatenate([self.local, other.local], axis=1)
         return Decisions(table, local, self.fitted + other.fitted)
@@ -312,7 +312,7 @@ def cross_validate(
     """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and
     seeds train at once.
 
-    Every fold's network is quantised after training, with ranges profiled on its own training part. A
+    Every fold's network is quantised after training, with ranges profiled on its training part. A
     recording without a touch, or without the step in question, counts as wrong.
 
     Parameters

@@ -127,7 +127,7 @@ def fit_least_squares(
 
     With few touches for the number of inputs it decides unseen ones better than the logistic regression: it
     is the fit for classes with one common covariance (T. Hastie, A. Buja, R. Tibshirani 1995). The penalty is
-    the one of PENALTIES with the most touches classified correctly when each is left out in turn (closed
+    the member of PENALTIES with the most touches classified correctly when each is left out in turn (closed
     form; of equals the largest).
 
     Parameters
@@ -171,7 +171,7 @@ def fit_average(
     ridge: float,
 ) -> dict[str, np.ndarray]:
     """The mean of ``fit_linear`` with ``penalty`` and ``fit_least_squares`` with ``ridge``, whose logits are
-    scaled to the same deviation between classes as those of the first. The mean is one linear cell and costs
+    scaled to the same deviation between classes as the first. The mean is one linear cell and costs
     no more.
 
     The logistic regression depends on touches near other classes, least squares on the means and covariance
@@ -199,7 +199,7 @@ RATE, RATES = 0.1, (0.94, 1.07)
 OVERLAP, OVERLAP_AFTER = 0.1, 0.7
 """Share of the touches that are fitted with the beginning of another one over their windows from there on."""
 OFFSET, COMMON, DRIFT = 0.3, 0.06, 0.1
-"""Variances of an offset of one taxel, of all together and of their drift in a touch, in those of the means."""
+"""Variances of an offset of one taxel, of all together and of their drift in a touch, in variances of the means."""
 SPIKED = 0.02
 """Share of the samples that are fitted as beyond the clip."""
 SMOOTH = 0.1

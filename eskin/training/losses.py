@@ -24,7 +24,7 @@ def descend(
     after: Callable[[int, torch.Tensor], None] = lambda done, loss: None,
 ) -> None:
     """Minimise the sum of ``loss_of()``, which is drawn again for each of the ``updates``. Networks share no
-    parameters, so each is trained by its own loss.
+    parameters, so each is trained by a separate loss.
 
     rate: the largest of the schedule, or constant. after: called with (updates done, the loss) after each.
     """

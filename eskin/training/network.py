@@ -67,7 +67,7 @@ def _gru_logits(p: dict[str, torch.Tensor], features: torch.Tensor) -> torch.Ten
 class _Steps(torch.autograd.Function):
     """h' (steps, networks, H, touches) after every step of a GRU, from the input's part of its rows z, r, n
     (steps, networks, 3 H, touches) and the matrices for the state, (networks, 2 H, H) and (networks, H, H).
-    The gradient is that of z, r = sig(row + u h), n = tanh(row + u_n (r h)), h' = z h + (1 - z) n."""
+    The gradient is of z, r = sig(row + u h), n = tanh(row + u_n (r h)), h' = z h + (1 - z) n."""
 
     @staticmethod
     def forward(ctx: Any, rows: torch.Tensor, u: torch.Tensor, u_n: torch.Tensor) -> torch.Tensor:

@@ -33,7 +33,7 @@ def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
 
 
 def training_groups(recordings: Recordings, record: Record, groups: Sequence[str] | None) -> list[str]:
-    """The group arrays whose values are left out: those requested; otherwise those of the training's first
+    """The group arrays whose values are left out: as requested; otherwise of the training's first
     split that has any; otherwise the first group array.
 
     Raises

@@ -486,7 +486,7 @@ def _rounding(config: AcceleratorConfig) -> float:
 def _with_logits(
     config: AcceleratorConfig, ranges: Mapping[str, Range], lean: bool, products: int, **formats: Any
 ) -> AcceleratorConfig:
-    """``config`` with ``formats`` and those of the dense layer's bias and of the logits; ``products``:
+    """``config`` with ``formats`` and formats of the dense layer's bias and of the logits; ``products``:
     fraction bits of its products."""
     chosen = config.replace(
         **formats,
@@ -504,7 +504,7 @@ def _with_logits(
 
 
 def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any) -> IntegerModel:
-    """The integer network of a float one, from its profiled ranges; ``widths`` are those of
+    """The integer network of a float one, from its profiled ranges; ``widths`` are parameters of
     ``choose_formats``. Pure: no files.
 
     ``lean`` also aligns the normaliser's constants (`normaliser_constants`), where one pair serves all
@@ -522,7 +522,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     # presets keep their formats bit for bit: published figures were made with them
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
     limit = _feature_frac_limit(model.config, sigma, widths)
-    # bits beyond those of the sums: means with fraction bits resolve them
+    # bits beyond the bits of the sums: means with fraction bits resolve them
     limit += 0 if plain or widths.get("lean") else model.config.most_mean_frac
     # prototypes are made of the quantised network's states, so logits decide until then
     logits_decide = model.config.with_readout()
@@ -547,7 +547,7 @@ def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
 
 
 def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Record) -> int:
-    """Fraction bits at which the largest normaliser scale (usually that of the shortest window) fills 16 bits
+    """Fraction bits at which the largest normaliser scale (usually of the shortest window) fills 16 bits
     without a shift."""
     gate_frac = config.formats.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]
     spread = np.broadcast_to(sigma, (config.constants,))

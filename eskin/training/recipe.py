@@ -21,12 +21,12 @@ class Recipe:
 
     loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each.
     learning_rate: the largest of a one-cycle schedule, or constant. noise: standard deviation added to every
-    feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between 1/warp and
+    feature (1 = as in the training features). warp: a touch runs faster by a factor drawn between 1/warp and
     warp (log-uniform); 1 = none. gain: its amplitude is multiplied by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
     answers to the rate of change. channel_dropout: probability with which a taxel is lost for the whole
     touch: as often masked as at rest. offset: factor of the offsets and of the drift of means; their standard
-    deviations are those of `eskin.training.linear_fit`. taxel_failure: probability with which a taxel sticks at
+    deviations are as in `eskin.training.linear_fit`. taxel_failure: probability with which a taxel sticks at
     a limit in the touch, is found after FAULTY_WINDOWS and masked from there on. penalty: of a linear cell,
     which is fitted as a logistic regression on all windows of a touch (`eskin.training.linear_fit`): the
     inverse penalty of its weights on standardised inputs, as scikit-learn has it; loss, learning_rate,
@@ -138,7 +138,7 @@ def choose_recipe(config: AcceleratorConfig, robust: bool = False) -> Recipe:
 
 
 def noted_recipe(record: Record, config: AcceleratorConfig) -> Recipe:
-    """The recipe of a training record, or that of the configuration if the record has no recipe of this
+    """The recipe of a training record, or the recipe of the configuration if the record has no recipe of this
     version."""
     try:
         return Recipe(**record["recipe"])

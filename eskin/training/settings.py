@@ -30,7 +30,7 @@ class TrainingSettings(GroupSettings):
         ``after`` the recurrent product.
     folds, seeds:
         Of the cross-validation: folds, 0 for none, and networks of each; by default 3, of images, which take minutes each,
-        1. `seed` is the first, that of the model which is written.
+        1. `seed` is the first, of the model which is written.
     protocol:
         Recipe: ``default`` or ``robust``.
     prefer, fits:

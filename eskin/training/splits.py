@@ -19,7 +19,7 @@ SPLITS: dict[str, list[list[str]]] = {
 
 
 def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[list[str]]:
-    """The splits that the configuration names; for a derived configuration, those of the preset for the same
+    """The splits that the configuration names; for a derived configuration, the splits of the preset for the same
     sensor. Groups that the recordings lack are ignored. Without any split: one split stratified by class."""
     available = {*recordings.groups, "label"}
     name = config.name

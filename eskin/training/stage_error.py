@@ -1,6 +1,6 @@
 """Float against integer, stage by stage: difference, share of saturated values, used part of each format.
 
-The stages of a network for recordings are those of STAGES; the stages of a network for images are its layers
+The stages of a network for recordings are STAGES; the stages of a network for images are its layers
 with weights.
 """
 
@@ -182,7 +182,7 @@ TABLE_ENDS = {"sigmoid": 8.0, "tanh": 4.0, "tanh_of_state": 4.0}
 
 
 class _Arithmetic:
-    """Real arithmetic in which some stages are those of the integer model. It notes the results of each stage,
+    """Real arithmetic in which some stages are computed by the integer model. It notes the results of each stage,
     the sums that are narrowed (``accumulators``) and pre-activations over the end of their table (``reach``)."""
 
     def __init__(self, config: AcceleratorConfig, stages: Collection[str]) -> None:

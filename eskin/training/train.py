@@ -37,7 +37,7 @@ def train(
     Parameters
     ----------
     recipe:
-        None: that of ``choose_recipe``.
+        None: from ``choose_recipe``.
     out:
         A new folder, or a model folder, which is replaced.
     datasets:

@@ -1,9 +1,9 @@
 """Training networks for images, in float and with weights of few bits; choosing formats; cross-validation by
 pieces of work.
 
-The recipe is that of a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on
+The recipe comes from a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on
 a one-cycle schedule, each batch turned, mirrored, shifted and scaled anew. Batch norm is folded into weights
-and biases at the end, so the stored network is the one that hardware computes.
+and biases at the end, so hardware computes the stored network.
 """
 
 import math
@@ -102,7 +102,7 @@ class ImageNetwork(nn.Module):
 # ---------------------------------------------------------------------- augmentation
 def augmented(images: Tensor, recipe: ImageRecipe, generator: torch.Generator) -> Tensor:
     """Images (n, 1, height, width) of pixels 0..1, each turned, mirrored, shifted, scaled, brightened and
-    with noise by numbers of its own."""
+    with noise by different numbers."""
     count, _, height, width = images.shape
 
     def spread(limit: float) -> Tensor:

@@ -5,7 +5,7 @@ sram.lib --rom
 
 The energy is of steps, frames, waiting and whole touches, from the activity on recordings.
 A recording is played at a slow pace, so that the clock stops between frames where it can, and everything is
-counted frame by frame. A step costs what the frames around its decision cost beyond those of the same touch
+counted frame by frame. A step costs what the frames around its decision cost beyond frames of the same touch
 without one. What a cycle without an edge costs is known from the clock's first net, so that any clock can be
 asked about.
 """
@@ -257,9 +257,9 @@ METHOD = (
 def _resting(recordings: Recordings, frames: int) -> Recordings:
     """The first of ``recordings``, with its last frame repeated ``frames`` times, because the frames after a
     decision belong to the energy of its step."""
-    one = recordings.subset([0])
-    samples = np.concatenate([one.samples, np.repeat(one.samples[-1:], frames, axis=0)])
-    return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))
+    single = recordings.subset([0])
+    samples = np.concatenate([single.samples, np.repeat(single.samples[-1:], frames, axis=0)])
+    return dataclasses.replace(single, samples=samples, offsets=np.array([0, len(samples)]))
 
 
 def counting(nets: Nets, cost: Costs) -> str:
@@ -352,7 +352,7 @@ def measured(
     device.command("FINISH")
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
-    differing = sum(one != other for one, other in zip_longest(decisions, expected))
+    differing = sum(decision != other for decision, other in zip_longest(decisions, expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
     spent = joule * ZEPTO + cost.root_j * edges
@@ -385,12 +385,12 @@ def summary(
         Number of the frame at which the touch begins.
     """
     decided = np.flatnonzero(decisions)
-    near = np.zeros(len(frame), bool)
+    of_steps = np.zeros(len(frame), bool)
     around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
     around = min(around, max(1, (config.windows.hop - 1) // 2 - 1))
     for row in decided:
-        near[max(0, row - around) : row + around + 1] = True
-    plain = ~near
+        of_steps[max(0, row - around) : row + around + 1] = True
+    plain = ~of_steps
     plain[: decided[0]] = plain[decided[-1] + 1 :] = False
     quiet = slice(NEAR, max(NEAR + 1, onset - around))
     hop, rate = config.windows.hop, config.sensor.scan_rate_hz
@@ -400,7 +400,7 @@ def summary(
         """Energy of a frame at that clock: its edges, and the clock's first net in the cycles without one."""
         return float(frame[which].mean() + root_j * (period - edges[which].mean()))
 
-    step = float((frame[near].sum() - near.sum() * frame[plain].mean()) / steps)
+    step = float((frame[of_steps].sum() - of_steps.sum() * frame[plain].mean()) / steps)
     idle_w = leakage_w + rate * whole(quiet)
     average_w = idle_w + TOUCHES_PER_S * steps * step
     energies = {

@@ -161,7 +161,7 @@ def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
 def suited(
     config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None
 ) -> AcceleratorConfig:
-    """``config`` on the lanes asked for; by default on its own number of them, of the type that suits the
+    """``config`` on the lanes asked for; by default on as many as it has, of the type that suits the
     part.
 
     Raises
@@ -178,7 +178,7 @@ def suited(
 def with_converter(
     config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None
 ) -> AcceleratorConfig:
-    """The configuration with that converter (None, or the name of its own: as it is) at the clock it is used
+    """The configuration with that converter (None, or the name that it has: as it is) at the clock it is used
     with, which is checked against its pace."""
     own = config.interface.converter.name
     changes: Record = {} if converter in (None, own) else {"converter": converter}
@@ -215,7 +215,7 @@ class BuildRequest:
     seed, seeds:
         The first seed and how many from it on are tried.
     cache:
-        Where netlists and placements are kept; what is there is not made again.
+        Where netlists and placements are kept; which are not made again.
     """
 
     config: AcceleratorConfig
@@ -369,7 +369,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
 
 
 def board_of(model: Path) -> tuple[int, int, Any]:
-    """(bits a second, lanes, lane type) of the board that runs ``model``: of the one build in the model's
+    """(bits a second, lanes, lane type) of the board that runs ``model``: of the single build in the model's
     folder, else beside it, else in `BOARDS`.
 
     Raises
@@ -529,20 +529,20 @@ def cached_netlist(
     """The netlist of a design and its key; an unchanged one is taken from ``cache``. options: of `synthesise`."""
     text = rtlil.convert(design(), name=TOP, platform=family.name, emit_src=False)
     key = content_key(text, str(family), options, code_version("rtl"))
-    folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), family, fresh, top=TOP, **options))
+    folder = Memo(cache).folder(key, lambda new: synthesise(design(), family, new, top=TOP, **options))
     return Netlist.of(folder, family, TOP), key
 
 
 def _placement(
     netlist: Netlist, key: str, target: Target, pins: Mapping[str, str], border: str, seed: int, cache: Path
 ) -> Implementation:
-    def make(fresh: Path) -> None:
-        work = fresh / "work"
+    def make(new: Path) -> None:
+        work = new / "work"
         placement = place(netlist, target, pins, work, seed=seed, border=border)
-        placement.bitstream.rename(fresh / placement.bitstream.name)
+        placement.bitstream.rename(new / placement.bitstream.name)
         shutil.rmtree(work)  # megabytes that nothing reads again
         write_json(
-            fresh / "implementation.json",
+            new / "implementation.json",
             dataclasses.asdict(placement) | {"bitstream": placement.bitstream.name},
         )
 
@@ -552,7 +552,7 @@ def _placement(
     return Implementation(**values | {"bitstream": folder / values["bitstream"]})
 
 
-# ---------------------------------------------------------------------- what is shown
+# ---------------------------------------------------------------------- rows of the table
 def block_rows(result: Record) -> list[tuple]:
     """Cells by block, and their sum, which is the whole device's use."""
     top = "(pins)" if result["link"] or result.get("standalone") else "(harness)"

@@ -189,7 +189,7 @@ def work_folder() -> Iterator[Path]:
 def _chip_parts(
     config: AcceleratorConfig, arrays: Arrays, how: Simulation
 ) -> tuple[Hardware, tuple[Hardware, dict[str, int]]]:
-    """A chip's netlist with probes; the one that is placed, and its cells."""
+    """A chip's netlist with probes; the netlist that is placed, and its cells."""
     process = asic.process_of(how.pdk or "", asic.libraries_of(how.liberty or ())["typ"])
 
     def part(probes: bool) -> tuple[Hardware, dict[str, int]]:
@@ -257,11 +257,11 @@ part loads the design anew. Small enough that no worker waits long for the last 
 starting a simulator."""
 IN_BULK = 400
 """The same where recordings are played in bulk: one process does that on all cores (`eskin.cosim.bulk`)."""
-CODE = partial(code_version, "golden", "rtl", "cosim", "study", "verbs")
+CODE = partial(code_version, "golden", "rtl", "cosim", "study", "data", "verbs")
 """Code on which a co-simulation depends beside data and model."""
 
 Piece = tuple[int, int]
-"""First recording of a part, and the one after its last."""
+"""First recording of a part, and the next after its last."""
 Shared = tuple[IntegerModel, Recordings, list[int], int, Simulation, Path]
 """Model, all recordings, what they are called, how many of them (the first) are played under cocotb, how, the work
 folder."""
@@ -298,9 +298,9 @@ def cosimulate_parts(
     order = [*shown, *sorted({*range(len(numbers))} - {*shown})]
     recordings, numbers = recordings.subset(order), [int(numbers[place]) for place in order]
     config = with_converter(model.config, how.converter, how.clock_hz)
-    alone = how.bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
-    alone = alone or bool(how.stalls or (how.target and not chip))
-    size = PART[how.simulator] if alone or how.simulator != "verilator" else IN_BULK
+    apart = how.bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
+    apart = apart or bool(how.stalls or (how.target and not chip))
+    size = PART[how.simulator] if apart or how.simulator != "verilator" else IN_BULK
     content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(how))
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
@@ -312,7 +312,7 @@ def cosimulate_parts(
     played = {key: Played.model_validate(part) for key, part in results.items()}
     result = joined(model.config, [*played.values()])
     differing = next((pieces[key] for key, part in played.items() if part.mismatches), None)
-    if differing:  # once more, for its waves: those of a worker are not on this machine
+    if differing:  # once more, for its waves: waves of a worker are not on this machine
         if jobs.progress:
             jobs.progress("playing what differs once more, with waves", 0, 0)
         result.waves = play(shared, differing, waves=True).waves

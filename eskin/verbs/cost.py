@@ -1,11 +1,11 @@
-"""Cost of a design before it is made: the one model that the choice of `train` and `run` uses.
+"""Cost of a design before it is made: the model that the choice of `train` and `run` uses.
 
     E(touch) = frames * cycles of a frame * (e_clock + (FRAME_TOGGLES + ONSET_TOGGLES) * e_toggle)
              + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
 
-Cycles are those of the schedule, e_... those of `eskin.study.energy`. Cells are a sum over what the
+Cycles come from the schedule, e_... from `eskin.study.energy`. Cells are a sum over what the
 design has (`parts_of`). These constants are fitted to counted netlists by ``python -m scripts.cost_model``,
-which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
+which prints how far they are off (docs/energy.md). Block memories are counted in the elaborated design.
 With ``window_mode`` whole FOLLOWING_TOGGLES stand in the place of FRAME_TOGGLES, and the touch is the longest.
 """
 
@@ -77,7 +77,7 @@ def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
 
 
 def estimated(config: AcceleratorConfig, part: str) -> Estimate:
-    """`eskin.study.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
+    """`eskin.study.energy.estimate` of a design on its lanes, by the cycles of its schedule."""
     lanes = config.hardware.lanes
     activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), lanes)
     return estimate(config, part, activity, config.hardware.clock_hz)

@@ -73,7 +73,7 @@ def command(request: EnergyRequest) -> Result:
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
 """Default comparison: board, lanes, lane type."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
-"""Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
+"""Cycles a frame of the slower run: in taxels, and over cycles of the run at full pace at least."""
 RESULT = "energy.json"
 
 
@@ -166,10 +166,10 @@ def measure(
 
 
 def slower_cycles(config: AcceleratorConfig, full: Played) -> int:
-    """Cycles a frame of the slower run, given the result of the one at full pace: a frame and a step follow each
+    """Cycles a frame of the slower run, given the result of the run at full pace: a frame and a step follow each
     other.
 
     Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely.
     """
-    held = math.ceil(SLOWER_LEAST * full.simulated_cycles / full.frames)
-    return max(SLOW_FACTOR * config.sensor.taxels, held, frame_cycles(config) + step_cycles(config))
+    least = math.ceil(SLOWER_LEAST * full.simulated_cycles / full.frames)
+    return max(SLOW_FACTOR * config.sensor.taxels, least, frame_cycles(config) + step_cycles(config))

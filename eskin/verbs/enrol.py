@@ -95,7 +95,7 @@ def command(request: EnrolRequest) -> Record:
     assert request.model and request.out
     check_model_target(request.out)
     config = load_config(request.model)
-    few = recordings_for(request.data or request.teach or "", config)
+    few = recordings_for(request.data or request.teach, config)
     old = recordings_for(request.with_ or None, config)
     if request.teach is not None:
         result = teach_folder(request.model, few, request.out)

@@ -107,7 +107,7 @@ def export_onnx(model: FloatModel, out: Path) -> Record:
 
 
 def _vectors(model: IntegerModel, recordings: Recordings | None) -> tuple[np.ndarray, Any, Any]:
-    """Samples, frames of each recording, and what is expected of every call."""
+    """Samples, frames of each recording, and the expected answer to every call."""
     config = model.config
     if config.is_image:
         images = random_images(config, 8, 1) if recordings is None else images_of(recordings)

@@ -19,35 +19,35 @@ def shown(console: Console, name: str = "") -> Iterator[Progress]:
     """Progress on ``console``, moved by calling ``(what, done, total)`` (a total of 0: not known, and with nothing done:
     it is waited for ``what``, which has no count); ``name`` is what all of it belongs to."""
     latest, ended = name or "at work", threading.Event()
-    begun = said = time.monotonic()
+    begun = last = time.monotonic()
 
     def say(line: str) -> None:
-        nonlocal said
-        said = time.monotonic()
+        nonlocal last
+        last = time.monotonic()
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    def told(task: str, done: int, total: int) -> None:
+    def notify(task: str, done: int, total: int) -> None:
         nonlocal latest
         latest = f"{name}, {task}" if name else task
         latest += f": {done} of {total}" if total else f": {done} so far" * bool(done)
         if console.is_terminal:
             status.update(Text(latest))
-        elif time.monotonic() - said >= MILESTONE_S:
+        elif time.monotonic() - last >= MILESTONE_S:
             say(latest)
 
     def beats() -> None:
         while not ended.wait(MILESTONE_S / 4):
-            if time.monotonic() - said >= MILESTONE_S:
+            if time.monotonic() - last >= MILESTONE_S:
                 say(f"{latest}, {time.monotonic() - begun:.0f} s")
 
     if console.is_terminal:
         with console.status(Text(latest)) as status:
-            yield told
+            yield notify
         return
     thread = threading.Thread(target=beats, daemon=True)
     thread.start()
     try:
-        yield told
+        yield notify
     finally:
         ended.set()
         thread.join()

@@ -92,29 +92,29 @@ def replay(
         No such port or class; no answer, another design than eskin's, a board that goes away; a model that cannot be
         taught, or a file of another one.
     """
-    kept, classes = request.save_taught, model.config.network.class_names
+    path, classes = request.save_taught, model.config.network.class_names
     if request.teach not in (None, *classes):
         raise InputError(
             f"--teach {request.teach}: is not a class of the model; there are {', '.join(classes)}"
         )
-    if request.teach or kept:
+    if request.teach or path:
         check_teachable(model.config)
-    if kept and kept.exists():
-        model = load_taught(model, kept)
+    if path and path.exists():
+        model = load_taught(model, path)
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     stream = None if config.is_image else Stream(model, scanned=True)
     decided = _of_images(model, recordings) if stream is None else _streamed(stream, recordings)
     differences: list[Mismatch] = []
     compared = decisions = 0
-    held: Record = {"in_use": None, "taught_equal": True}
+    places: Record = {"in_use": None, "taught_equal": True}
     with contextlib.closing(SerialPort(request.port, baud)) as transport, on_port(request.port):
         link = Link(transport, register_map(config), timeout_s=answer_s(config, baud))
         begin = time.monotonic()
         progress("loading the model over the line", 0, 0)
         link.connect()
         link.load(boot_writes(config, model.arrays))
-        for number, (arrays, look) in enumerate(decided):  # which heeds what is taught below
+        for number, (arrays, look) in enumerate(decided):  # which heeds the touches taught below
             before = int(recordings.offsets[number])
 
             def report(taken: int, before: int = before) -> None:
@@ -126,8 +126,8 @@ def replay(
             scoreboard.begin(Recording({**arrays, **ends}, 0))
             try:
                 scoreboard.check("decision", np.array(got.decisions, np.uint32))
-                for behind, status in got.looks.items():
-                    scoreboard.look(behind, status)
+                for at_frame, status in got.looks.items():
+                    scoreboard.look(at_frame, status)
                 scoreboard.end(got.registers)
             except Mismatch as found:
                 differences.append(found)
@@ -138,9 +138,9 @@ def replay(
                     stream.teach(teach := classes.index(request.teach))
                     link.write([(TeachRegister.TEACH, teach)])
                     link.settle()
-        if stream is not None and (request.teach or kept):
+        if stream is not None and (request.teach or path):
             assert isinstance(stream.model, IntegerModel)
-            held = _held(link, stream.model, kept)
+            places = _held(link, stream.model, path)
         wall_s = time.monotonic() - begin
     counts = {name: getattr(link, name) for name in ("repeated", "replayed", "unanswered", "damaged")}
     exact = not differences and compared > 0
@@ -154,25 +154,25 @@ def replay(
         "compared_values": compared,
         "mismatches": len(differences),
         "bit_exact": exact,
-        "passed": exact and decisions > 0 and held["taught_equal"],
-        **held,
+        "passed": exact and decisions > 0 and places["taught_equal"],
+        **places,
         "mismatch_list": [str(mismatch) for mismatch in differences],
         "wall_s": round(wall_s, 3),
         "frames_per_s": round(recordings.frames / wall_s),
     }
 
 
-def _held(link: Link, model: IntegerModel, kept: Path | None) -> Record:
-    """Taught touches of the board, read out, against ``model``; written to ``kept``."""
+def _held(link: Link, model: IntegerModel, path: Path | None) -> Record:
+    """Taught touches of the board, read out, against ``model``; written to ``path``."""
     arrays = taught_arrays(model.config, link.places)
-    held = IntegerModel(model.config, {**model.arrays, **arrays}, "the board")
-    in_use, names = taught_in_use(held), model.config.network.class_names
+    on_board = IntegerModel(model.config, {**model.arrays, **arrays}, "the board")
+    in_use, names = taught_in_use(on_board), model.config.network.class_names
     equal = (arrays["taught_count"] == model.arrays["taught_count"]).all() and all(
         (places[:count] == aim[:count]).all()
         for places, aim, count in zip(arrays["taught"], model.arrays["taught"], in_use, strict=True)
     )
-    if kept:
-        save_taught(held, kept)
+    if path:
+        save_taught(on_board, path)
     return {"in_use": dict(zip(names, in_use.tolist(), strict=True)), "taught_equal": bool(equal)}
 
 

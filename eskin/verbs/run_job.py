@@ -1,7 +1,7 @@
 """The stages of `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
 in one folder.
 
-Each stage works in a folder of its own beside OUT, named by the hash of all that went into it: what was asked for
+Each stage works in a separate folder beside OUT, named by the hash of all that went into it: what was asked for
 (data, configuration, options), the stages before it, its code, and the content of what it reads. A stage that was
 finished before is taken over, so an interrupted run goes on where it stopped. OUT itself appears, or is replaced, in
 one rename when everything is there.
@@ -90,7 +90,7 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
     seems), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found),
     model/, rtl/, report.html; waves_*/ after a mismatch. Of images no cosim_declared.json and
     cosim_lowest.json; run.json has ``images`` and layer_cycles (number of a layer -> cycles,
-    with those of the pool behind).
+    with cycles of the pool behind).
 
     Raises
     ------
@@ -118,7 +118,7 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
 
 
-def check_alike(held: Recordings, recordings: Recordings) -> None:
+def check_alike(held_back: Recordings, recordings: Recordings) -> None:
     """Refuse recordings held back that are of another array or task than those to learn from.
 
     Raises
@@ -127,10 +127,10 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
         Naming what differs.
     """
     for name in ("taxels", "image_shape", "sample_rate_hz"):
-        test, data = getattr(held, name), getattr(recordings, name)
+        test, data = getattr(held_back, name), getattr(recordings, name)
         if test != data:
             raise InputError(
-                f"--test {held.source}, field {name}: is {test}, and {data} in --data; give recordings of "
+                f"--test {held_back.source}, field {name}: is {test}, and {data} in --data; give recordings of "
                 "the same sensor and task"
             )
 
@@ -150,10 +150,10 @@ class _Steps:
             self.prices = cost_model(request.prefer, request.fits)
             self.panel = panel_of(loaded, request.stress)
         with self.progress("configuration") as notify:
-            held = load_recordings(request.test, config=config, progress=notify) if request.test else None
-            if held is not None:
-                check_alike(held, loaded)
-                held = held.with_classes(loaded.class_names, f"--data {loaded.source}")
+            test = load_recordings(request.test, config=config, progress=notify) if request.test else None
+            if test is not None:
+                check_alike(test, loaded)
+                test = test.with_classes(loaded.class_names, f"--data {loaded.source}")
             if request.groups:
                 check_split(loaded, request.groups, 5)
             self.plan = None
@@ -162,7 +162,7 @@ class _Steps:
             else:
                 self.plan = configure(loaded, config, self.prices, groups=request.groups, progress=notify)
             planned = self.plan.config if self.plan else config
-            self.held = for_model(held, planned, self.say) if held is not None and planned else held
+            self.held_back = for_model(test, planned, self.say) if test is not None and planned else test
         self.user_config = config
         seeds = request.seeds or (1 if loaded.image_shape else 3)
         network = request.groups, request.cell, request.hidden, seeds, request.prefer, request.fits
@@ -189,7 +189,7 @@ class _Steps:
         folder = self.work / f"{name.replace(' ', '-')}.{self.key[:20]}"
         cached = (folder / "finished").exists()
         with self.progress(name) as notify:
-            Memo(self.work).folder(folder.name, lambda fresh: make(fresh, notify, *given))
+            Memo(self.work).folder(folder.name, lambda new: make(new, notify, *given))
         self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": cached})
         return folder
 
@@ -230,7 +230,7 @@ class _Steps:
             "candidates": training.get("candidates"),
             "lanes": by_lanes(config),
             "baselines": baselines,
-            "doubts": [one | {"text": spelled(one["text"])} for one in found],
+            "doubts": [row | {"text": spelled(row["text"])} for row in found],
             "warnings": [*map(spelled, doubts.sentences(found))],
             "test": tested and tested.plain(),
             "cosimulated": [int(number) for number in numbers],
@@ -258,7 +258,7 @@ class _Steps:
 
         def simulate(name: str, numbers: np.ndarray, played: Recordings, *given: Any) -> Path:
             given = (model, design, numbers, played, *given)
-            return self.stage(name, ("golden", "rtl", "cosim", "study"), self._simulate, *given)
+            return self.stage(name, ("golden", "rtl", "cosim", "study", "data"), self._simulate, *given)
 
         full = simulate("co-simulation", numbers, self.recordings.subset(numbers), "full")
         if self.config.is_image:
@@ -276,7 +276,9 @@ class _Steps:
         groups = training["cross_validation"][0]["groups"]
 
         def measure(folder: Path, notify: Progress, config: AcceleratorConfig, groups: list[str]) -> None:
-            report = lambda _, done, total: notify("judged", done, total)  # it names the one that is done
+            report = lambda _, done, total: notify(
+                "judged", done, total
+            )  # it names the classifier that is done
             rows = yardsticks.yardsticks(self.recordings, config, groups, 5, report)
             write_json(folder / "yardsticks.json", rows)
 
@@ -302,15 +304,15 @@ class _Steps:
 
     def _test(self, quantised: Path) -> HeldBack | None:
         """The network on the recordings held back, once."""
-        if self.held is None:
+        if self.held_back is None:
             return None
         with self.progress("recordings held back"):
-            trained_on, held = (
+            trained_on, in_test = (
                 [content_key(data.recording(n).astype(np.int64)) for n in range(len(data))]
-                for data in (self.recordings, self.held)
+                for data in (self.recordings, self.held_back)
             )
-            repeated = int(np.isin(held, trained_on).sum())
-            judged = evaluate.evaluate(quantised / "model", self.held)
+            repeated = int(np.isin(in_test, trained_on).sum())
+            judged = evaluate.evaluate(quantised / "model", self.held_back)
         return HeldBack(**vars(judged), seen_in_training=repeated)
 
     def _doubts(
@@ -325,17 +327,19 @@ class _Steps:
         found, images = list(training.get("doubts", [])), self.config.is_image
         if not images:
             first = training["cross_validation"][0]
-            behind = doubts.below_baselines(first, baselines, training.get("candidates"))
+            doubted = doubts.below_baselines(first, baselines, training.get("candidates"))
             # the best of all baselines speaks for the split, and the training knew fewer of them
-            replaced = {(one["code"], *one["groups"]) for one in behind}
-            found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
+            replaced = {(doubt["code"], *doubt["groups"]) for doubt in doubted}
+            found = doubted + [
+                doubt for doubt in found if (doubt["code"], *doubt.get("groups", [])) not in replaced
+            ]
         if tested:
             found += doubts.seen_in_training(tested, "images" if images else "recordings")
             found += doubts.below_range(tested, training["cross_validation"][0])
         if not images:
             known = known_from_first_frames if self.config.opens_at_once else known_without_touch
             leak = known(model, self.recordings)
-            if leak and not (leak.frames and any(one["code"] == "level_tells" for one in found)):
+            if leak and not (leak.frames and any(doubt["code"] == "level_tells" for doubt in found)):
                 found += doubts.leaks(**vars(leak))
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
@@ -471,14 +475,14 @@ def _checks(
         checks.append((name, bool(rows) and not missed, detail))
     if "cosim_lowest" in outcomes:
         lowest = outcomes["cosim_lowest"]
-        held = lowest is not None and lowest.passed
+        passes = lowest is not None and lowest.passed
         detail = "none was found"
         if not all(played and played.bit_exact for played in (outcomes["cosim"], outcomes["cosim_declared"])):
             detail = "skipped, because hardware and model differ"
         elif lowest is not None:
-            detail = f"{hertz(lowest.clock_hz)}, {'bit-exact' if held else verdict(lowest)}"
-        checks.append(("a lowest clock that meets every budget", held, detail))
-    return [{"name": name, "held": held, "detail": detail} for name, held, detail in checks]
+            detail = f"{hertz(lowest.clock_hz)}, {'bit-exact' if passes else verdict(lowest)}"
+        checks.append(("a lowest clock that meets every budget", passes, detail))
+    return [{"name": name, "held": holds, "detail": detail} for name, holds, detail in checks]
 
 
 # ---------------------------------------------------------------------- folders

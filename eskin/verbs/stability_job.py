@@ -70,7 +70,7 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
     for name in request.mode or ():
         if name not in MODES:
             raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
-    asked = [MODES[name] for name in request.mode or MODES]
+    wanted = [MODES[name] for name in request.mode or MODES]
     model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     bench = Bench(config=model.config, recordings=recordings, model=model, real=real, few=few)
     content = content_key(bench.model, recordings, CODE(), few, bench.real)
@@ -81,7 +81,7 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
         keyed = {content_key(content, name): piece for name, piece in pieces.items()}
         return list(jobs.results(function, keyed, shared, keep=Memo(CACHE), what=what).values())
 
-    reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in asked}
+    reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in wanted}
     ready = [mode for mode, why in reasons.items() if not why]
     hardware = Hardware(bench)
     judged = results(judge_mode, {mode.name: mode.name for mode in ready}, hardware, "modes judged")
@@ -156,7 +156,7 @@ class Hardware:
     def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
         """A recording that is broken off at random cycles and around its last two decisions, in each of
         ``ways``: by a reset, by `arm` for the next recording, or by ``neither``, which must fail. Counted are
-        the following recordings whose decisions are not those of the golden model."""
+        the following recordings whose decisions the golden model does not share."""
         model, clean = self.bench.model, self.bench.clean
         touched = np.flatnonzero(find_touches(model.config, clean).first_touch() >= 0)
         pair = clean.subset(touched[np.argsort(clean.lengths[touched])[:2]])
@@ -192,9 +192,9 @@ class Hardware:
         if first != expected[: offsets[1]]:
             raise RuntimeError("the hardware does not decide as the golden model does")
         times = np.random.default_rng(1).integers(0, cycles, min(LEFT, self.bench.flips // 4))
-        near = {max(at + shift, 0) for at in offered[-2:] for shift in AROUND}
+        at_decisions = {max(at + shift, 0) for at in offered[-2:] for shift in AROUND}
         leavings = [(ways[number % len(ways)], int(at)) for number, at in enumerate(times)]
-        leavings += [(way, at) for at in sorted(near) for way in ways]
+        leavings += [(way, at) for at in sorted(at_decisions) for way in ways]
         value = sum(play(way, at)[0] != expected[offsets[1] :] for way, at in leavings)
         words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
         return Outcome(value, f"a reset or a new arm {words}")

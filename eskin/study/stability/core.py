@@ -2,7 +2,7 @@
 its reason, and a curve.
 
 An experiment is a function of a ``Bench`` (a model on a ``Scene`` of recordings): an ``Experiment`` with a
-disturbance, or a function of its own.
+disturbance, or another function.
 ``eskin.study.stability.table`` has a row for each. With a broken model or front end the same experiment must
 report a failure. The tests check this for every mode (tests/support/broken_variants.py). A property that depends
 on neither weights nor recordings (a width, a table entry) is not a mode; the tests check it.
@@ -77,7 +77,7 @@ class Scene:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        # the frames that reach the chain are what is disturbed: a converter reads no others, a host sends no others
+        # the frames that reach the chain are disturbed: a converter reads no others, a host sends no others
         scanned = self.recordings.scanned(self.config.sensor.scan_every)
         object.__setattr__(self, "recordings", scanned)
 
@@ -132,7 +132,7 @@ class Scene:
 
     @cached_property
     def touch_frames(self) -> np.ndarray:
-        """Frames of the first touch of each clean recording: its own with ``window_mode`` whole, else all alike."""
+        """Frames of the first touch of each clean recording: each different with ``window_mode`` whole, else all alike."""
         frames, touches = np.full(len(self.clean), self.config.last_frame), self.touches
         if touches.ended is not None:
             frames[touches.recording] = touches.ended - touches.start_frame + 1
@@ -235,7 +235,7 @@ def rebuilt(
 
 class At(NamedTuple):
     """Where a disturbance acts: a scene, how strong it is, the taxels, the recording's place among the clean ones
-    (of a quiet stretch: among them), its onset frame (from 1), random numbers of its own."""
+    (of a quiet stretch: among them), its onset frame (from 1), separate random numbers."""
 
     scene: Scene
     level: float
@@ -348,7 +348,7 @@ def curve(
 
 @dataclass(frozen=True)
 class Case:
-    """A golden case for the hardware to confirm: recordings, and the model where it is not the one under
+    """A golden case for the hardware to confirm: recordings, and the model where it is not the model under
     test."""
 
     recordings: Recordings
@@ -376,7 +376,7 @@ class Mode:
 
     run: the experiment; a word is the key of one that only the hardware can show
     (eskin/verbs/stability_job.py). at_most, at_least: the bound, one of the two: a number (of an accuracy:
-    times the accuracy on undisturbed recordings), or a function of the bench. measures: what is measured,
+    times the accuracy on undisturbed recordings), or a function of the bench. measures: the figure,
     where ``run`` is a shape and does not say it. needs: what a configuration must have, words of
     NEEDS.
     """
@@ -538,11 +538,11 @@ class Experiment:
     what:
         The nominal level in words, or (scene) -> words.
     over:
-        What is disturbed: all ``recordings``; each of the ``taxels`` in turn; ``pairs`` of them, PAIRS at most,
+        Disturbed are all ``recordings``; each of the ``taxels`` in turn; ``pairs`` of them, PAIRS at most,
         and as many at once as the level says; both ``ways``, level and minus level; the ``quiet`` stretches before
         each touch, in which no onset may be found.
     mean:
-        The figure is the mean over what is disturbed in turn, and not the worst. Both are taken from the same decisions.
+        The figure is the mean over all that are disturbed in turn, and not the worst. Both are taken from the same decisions.
     masked:
         The taxels' mask bits are set.
     sampled:
@@ -564,9 +564,9 @@ class Experiment:
     sampled: bool = False
     early: bool = False
 
-    # -- what is played
+    # -- recordings played
     def cases(self, scene: Scene, level: float | None = None) -> dict[str, Played]:
-        """Every case at a level (None: the nominal one), by what is disturbed."""
+        """Every case at a level (None: the nominal one), by the disturbed part."""
         level = self.nominal if level is None else level
         if self.over == "ways":
             return {f"{way * level:+.0%}": self._played(scene, way * level, scene.live) for way in (1, -1)}
@@ -664,7 +664,7 @@ def _sets(scene: Scene, count: int) -> list[list[int]]:
 
 # ---------------------------------------------------------------------- integers against float
 def agreement(model: IntegerModel, real: FloatModel, touches: Touches) -> float:
-    """Share of the local decisions of an integer network that are those of a float one."""
+    """Share of the local decisions of an integer network that a float network decides alike."""
     own, ideal = (
         pipeline.decide(each.config, logits, touches.completed)[0]
         for each, logits in (

@@ -67,13 +67,13 @@ def dead_together(stream: np.ndarray, at: At) -> np.ndarray:
 
 
 def exchanged(stream: np.ndarray, at: At) -> np.ndarray:
-    """Each taxel in the place of the one before it, the first in that of the last."""
+    """Each taxel in the place of its predecessor, the first in the place of the last."""
     stream[:, at.taxels] = stream[:, [*at.taxels[-1:], *at.taxels[:-1]]]
     return stream
 
 
 def gains(stream: np.ndarray, at: At) -> np.ndarray:
-    """Every taxel with its own gain, drawn within +-level."""
+    """Every taxel with another gain, drawn within +-level."""
     rest, errors = rest_of(stream, at.scene), at.rng.uniform(-1, 1, stream.shape[1])
     return rest + np.float32(1 + at.level * errors) * (stream - rest)
 
@@ -202,7 +202,7 @@ def cut_short(stream: np.ndarray, at: At) -> np.ndarray:
     """Streams that end after a share of the touch's steps."""
     config, touches = at.scene.config, at.scene.touches
     last = config.window_spans[max(1, round(at.level * config.windows.steps)) - 1][1]
-    if config.follows_touch:  # as much of its own length
+    if config.follows_touch:  # as much of its length
         last = max(round(at.level * at.frames), config.windows.hop)
     for start in touches.start_frame[touches.recording == at.place]:  # none without a completed step
         stream = stream[: start - 1 + last]

@@ -67,7 +67,7 @@ def _endless(bench: Bench, steps: int) -> np.ndarray:
 def growth(bench: Bench) -> Outcome:
     """Error of the hidden state against real arithmetic with the same weights, root mean square over the last
     touch's worth of steps, over touches strung together without a reset: the median of the sequences, the
-    largest of steps 200 to 20000 over that of step 20.
+    largest of steps 200 to 20000 over the figure of step 20.
 
     The median, because a touch that follows another one without a reset can bring a sequence to a point where
     the real network itself decides by a hair: there the two part for some steps, whatever the arithmetic. The
@@ -311,7 +311,7 @@ def state_flips(bench: Bench) -> Outcome:
     """One bit of one unit's state inverted after a random step of each touch: share of global decisions
     changed. Curve: which step."""
     few, config = bench.sample, bench.config
-    # times the sample's touches, each with an upset of its own
+    # times the sample's touches, each with another upset
     tries = max(1, bench.flips // (4 * len(few.codes)))
     codes, rng = np.concatenate([few.codes] * tries), bench.rng(11)
     completed = np.tile(few.touches.completed, tries)

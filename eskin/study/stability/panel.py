@@ -2,7 +2,7 @@
 beside the accuracy on sound ones.
 
 The features of disturbed recordings do not depend on the network. So each front end plays the
-panel once, and every network on it decides what is there.
+panel once, and every network on it decides what it holds.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ RECORDINGS = 60
 """Recordings that are disturbed at most, spread evenly over the classes."""
 
 LOUDER = ("mains hum", "one noisy taxel")
-"""Modes that can open a gate and change what is decided, too."""
+"""Modes that can open a gate and change decisions, too."""
 
 TURNS = 8
 """Taxels that are disturbed in turn at most."""
@@ -181,7 +181,7 @@ class Panel:
         return on
 
     def false_onsets(self, config: AcceleratorConfig) -> float:
-        """Sum over modes of the shares of recordings in which the gate opens when it must not: those of gates
+        """Sum over modes of the shares of recordings in which the gate opens when it must not: rows of gates
         alone, and those that make taxels louder all along. The windows hardly matter, so gates are looked at
         once."""
         key = config.rest_level, config.onset_rule, config.sensor.scan_every

@@ -1,4 +1,4 @@
-"""The failure modes, a row each: what is disturbed and how far, the bound and its reason."""
+"""The failure modes, a row each: the disturbance and its size, the bound and its reason."""
 
 from dataclasses import replace
 from functools import partial

@@ -93,7 +93,9 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
     assert np.array_equal(read.labels, other.labels) and read.class_names == other.class_names
 
     kept = []
-    monkeypatch.setattr(run_job._Steps, "all", lambda steps, *_: kept.append(steps.held) or {"passed": True})
+    monkeypatch.setattr(
+        run_job._Steps, "all", lambda steps, *_: kept.append(steps.held_back) or {"passed": True}
+    )
     monkeypatch.setattr(run_job.report, "write_report", lambda folder: folder.mkdir())
     _, _, err = call(*"run --data a.npz --config m/config.json --test e.npz --out r".split())
     assert kept and kept[0].volt_per_code == first.volt_per_code and told in err
