@@ -82,7 +82,7 @@ def _frame_tables(model: IntegerModel) -> list[Table]:
         _table("SHIFT", shift, "of the normaliser", "uint8_t"),
         _table("SCALE", scale, "of the normaliser", "int16_t"),
     ]
-    if lengths > 1:
+    if lengths > 1 and not config.follows_touch:
         tables.append(_table("LENGTH", config.length_index, "of each window, index into these", "uint8_t"))
     if config.sensor.masked_taxels:
         mask = [taxel in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
@@ -113,7 +113,10 @@ def _frame_tables(model: IntegerModel) -> list[Table]:
 
 def _wide(config: AcceleratorConfig) -> str:
     """The type of what a window gives."""
-    bounds = [config.windows.window * config.deviation_bound]
+    frames, block = config.windows.window, config.features.activity_block
+    if config.follows_touch:  # the most sums of a window, before their shift
+        frames = config.windows.store_per_window * config.windows.hop << config.doublings
+    bounds = [frames * config.deviation_bound, frames // block * config.block_bound]
     if "integral" in config.features.feature_kinds:
         bounds.append(config.integral_bound)
     # one bit to spare: a mean is taken off
@@ -123,16 +126,18 @@ def _wide(config: AcceleratorConfig) -> str:
 def _frame_values(config: AcceleratorConfig) -> Record:
     """Values of the templates beside the configuration (``c``) and its fields.
 
-    hop_sums: sums that are added up hop by hop, ``depth`` hops of it. ring: frames of deviations that are held. moves:
+    hop_sums: sums that are added up hop by hop, ``depth`` hops of it. total: of a touch so far. ring: frames of deviations that are held. moves:
     activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are types and terms.
     """
     rule, windows, kinds = config.onset_rule, config.windows, config.features.feature_kinds
     faults, touch_mode = config.faults.fault_frames, windows.window_mode == "touch"
-    integral, activity = "integral" in kinds, "activity" in kinds
+    integral, activity, follows = "integral" in kinds, "activity" in kinds, config.follows_touch
     ring = windows.pretrigger_frames + 1 if touch_mode and not config.opens_at_once else 1
     ends = [last for _, last in config.window_spans]
     depth = max((end - 1) // windows.hop - k + 1 for k, end in enumerate(ends)) if touch_mode else 2
-    mean_needed = "mean" in kinds or (integral and not touch_mode and not config.opens_at_once)
+    depth = config.stored_sums if follows else depth
+    early = not touch_mode and not config.opens_at_once  # frames before the gate opens count
+    mean_needed = "mean" in kinds or (integral and (early or follows))
     masked, limit = bool(config.sensor.masked_taxels), rule.onset_threshold * rule.onset_mean_frames
     flagged = f"s->flag_age[i]{' > (uint16_t)back' if ring > 1 else ''}"
     counts = [*["!MASK[i]"] * masked, *["!s->flag_age[i]"] * bool(faults)]
@@ -140,6 +145,8 @@ def _frame_values(config: AcceleratorConfig) -> Record:
         "worth": np.broadcast_to(config.sensor.volt_per_code, config.sensor.taxels).tolist(),
         "hop_sums": [*["mean"] * mean_needed, *["activity"] * activity],
         "integral": integral,
+        "total": integral and not follows,
+        "follows": follows,
         "activity": activity,
         "moves": activity and config.features.activity_rule == "change",
         "block_sums": activity and config.features.activity_block > 1,
@@ -199,10 +206,6 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
         raise InputError(
             f"configuration '{config.name}', field readout: is 'prototypes', which C does not have; export a "
             "model with readout 'dense'"
-        )
-    if config.follows_touch:
-        raise InputError(
-            f"configuration '{config.name}', field window_mode: is 'whole', which C does not have yet; use 'free'"
         )
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)

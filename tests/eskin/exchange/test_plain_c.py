@@ -41,6 +41,11 @@ RING = AcceleratorConfig.of(
 after these."""
 EVENTS = RING.replace(sample_bits=2, band_low=1, band_high=2, fault_frames=0)
 """Codes of two levels: means with fraction bits."""
+FOLLOWING = RING.replace(
+    window_mode="whole", pretrigger_frames=0, window=8, touch_frames=100, steps=3, store_per_window=2, rearm_frames=5,
+    feature_kinds=("mean", "activity", "integral"), activity_block=2,
+)  # fmt: skip
+"""Touches of every end, of which some fill the store several times."""
 
 
 def model_of(config: AcceleratorConfig, seed: int) -> IntegerModel:
@@ -73,15 +78,13 @@ def exported(config: AcceleratorConfig, seed: int, folder: Path) -> dict:
 @given(configurations(), st.integers(1, 99))
 def test_random_models_decide_as_the_golden_one(tmp_path_factory, config, seed):
     folder = tmp_path_factory.mktemp("c") / "exported"
-    if config.follows_touch:
-        with refused("window_mode: is 'whole', which C does not have yet"):
-            exported(config, seed, folder)
-        return
     count = exported(config, seed, folder)["decisions"]
     assert verdict(folder, *SANITIZED) == f"{count} decisions compared, 0 different\n"
 
 
-@pytest.mark.parametrize("config", [IMAGES, RING, EVENTS], ids=["image", "ring", "events"])
+@pytest.mark.parametrize(
+    "config", [IMAGES, RING, EVENTS, FOLLOWING], ids=["image", "ring", "events", "following"]
+)
 def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path):
     count = exported(config, 3, tmp_path / "c")["decisions"]
     assert count > 3
@@ -89,17 +92,21 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
 
 
 @pytest.mark.parametrize(
-    "right, wrong",
+    "config, right, wrong",
     [
-        ("if (s->in_hop == 4)", "if (s->in_hop == 5)"),
-        ("second = v[best];", "second = v[c];"),
-        ("~(~v >> n) : v >> n", "-(-v >> n) : v >> n"),
-        ("s->flag_age[i] > (uint16_t)back", "s->flag_age[i] > 0 * back"),
-        ("s->flag_age[i]++;", ";"),
+        (RING, "if (s->in_hop == 4)", "if (s->in_hop == 5)"),
+        (RING, "second = v[best];", "second = v[c];"),
+        (RING, "~(~v >> n) : v >> n", "-(-v >> n) : v >> n"),
+        (RING, "s->flag_age[i] > (uint16_t)back", "s->flag_age[i] > 0 * back"),
+        (RING, "s->flag_age[i]++;", ";"),
+        (FOLLOWING, "[2 * k + 1][i];", "[2 * k][i];"),
+        (FOLLOWING, "s->doublings++;", ";"),
+        (FOLLOWING, "hop = 0; hop < stop", "hop = first; hop < stop"),
+        (FOLLOWING, "(k < m ? k : m - 1)", "(k < m ? k : 0)"),
     ],
 )
-def test_the_comparison_finds_a_bug_in_the_c(right, wrong, tmp_path):
-    exported(RING, 3, tmp_path / "c")
+def test_the_comparison_finds_a_bug_in_the_c(config, right, wrong, tmp_path):
+    exported(config, 3, tmp_path / "c")
     source = tmp_path / "c" / plain_c.SOURCE
     text = source.read_text()
     assert right in text
