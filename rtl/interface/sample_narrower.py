@@ -1,7 +1,7 @@
 """Sample narrower: a sample from a converter's code by offset, shift, saturation (docs/specification_interfaces.md
 section 12)."""
 
-from amaranth.hdl import Const, Module, Signal, signed
+from amaranth.hdl import Module
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import code_bits, code_offset, code_shift
@@ -23,9 +23,7 @@ class SampleNarrower(Block):
     def elaborate(self, platform):
         m = Module()
         config, shift, offset = self.spec, code_shift(self.spec), code_offset(self.spec)
-        width = max(len(self.code), offset.bit_length()) + 2
-        centred = Signal(signed(width))
-        m.d.comb += centred.eq(self.code - Const(offset, signed(offset.bit_length() + 1)))
+        centred = self.code - offset
         result = (
             narrow(centred, shift, config.sample_format)
             if shift >= 0

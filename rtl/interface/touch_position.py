@@ -55,7 +55,8 @@ class TouchPosition(Block):
         sample = self.i.payload.sample
         above = Signal(signed(len(sample) + 2))
         m.d.comb += above.eq(sample - Const(interface.position_rest, signed(len(sample) + 1)))
-        top = (1 << len(sample)) - 1
+        span = self.spec.sample_format
+        top = span.max_code - span.min_code
         height = Signal(up_to(top))
         m.d.comb += height.eq(Mux(above > interface.position_threshold, above[: len(sample)], 0))
 
@@ -147,9 +148,8 @@ class TouchPosition(Block):
                 m.d.sync += [first_x.eq(x), first_y.eq(y)]
         ways = []
         for now, begin in ((x, first_x), (y, first_y)):
-            way = Signal(signed(9))
-            m.d.comb += way.eq(now - begin)
-            ways.append((way[-1], Mux(way[-1], -way, way)[:8]))
+            way = now - begin
+            ways.append((way[-1], abs(way)))
         (is_left, wide), (is_up, high) = ways
         is_across = wide >= high
         is_slide = Mux(is_across, wide, high) >= interface.slide_least
