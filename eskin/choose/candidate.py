@@ -8,8 +8,8 @@ whole networks (`eskin.choose.networks`), and both again inside the training par
 
 With a panel (`eskin.study.stability.panel`), networks decide disturbed recordings too; the score is the mean of both accuracies.
 Candidates may lose at most CLEAN_LOSS of accuracy against the choice of the rule, take at most DEARER times its
-average power and at most ENERGY times its energy of a touch. The cheapest of those that tie with the best score is
-chosen (`choose_stable`).
+average power and at most ENERGY times its energy of a touch. Of the candidates that tie with the best score, the cheapest is
+chosen that is beyond its bounds in hardly more modes than any other (`choose_stable`).
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 CLEAN_LOSS, DEARER, ENERGY = 0.007, 4 / 3, 4.0
 """Largest loss of accuracy on undisturbed recordings, and largest factors of average power (or of the preferred
 cost) and of the energy of a touch, at which a design that does better under disturbance is taken."""
+
+MORE_MODES = 1
+"""Number of modes in which the choice may be beyond its bounds more often than the best candidate that ties: with few
+recordings, a mode is held or not by chance."""
 
 SCREENED = Recipe(name="ridge regression", squares=True)
 """Recipe by which front ends are judged without a network: closed form, float."""
@@ -173,11 +177,21 @@ class ScoredCandidate:
     @cached_property
     def figures(self) -> dict[str, list[Record]]:
         """{mode, figure, bound, held} under each disturbance, as of `Panel.figures`."""
-        if self.stress is None or self.wrong is None or self.stressed is None:
+        if (
+            self.stress is None
+            or self.wrong is None
+            or self.stressed is None
+            or np.isnan(self.stressed).all()
+        ):
             return {"stress": [], "gate_modes": []}
         told = ~np.isnan(self.stressed)  # the bounds refer to the accuracy on the same recordings
         cases = self.stress.cases(self.config, self.wrong)
-        return self.stress.figures(cases, float(self.correct[told].mean()))
+        return self.stress.figures(cases, mean_told(np.where(told, self.correct, np.nan)) or 0.0)
+
+    @property
+    def beyond(self) -> int:
+        """Number of modes beyond their bounds."""
+        return sum(not row["held"] for rows in self.figures.values() for row in rows)
 
     @property
     def worst(self) -> Record | None:
@@ -276,11 +290,15 @@ def in_reach(
 def choose_stable(
     judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel
 ) -> ScoredCandidate:
-    """The cheapest of the candidates that tie with the best score; at equal cost the one with the higher
-    score. Candidates are left out if, compared with ``calm`` (the choice of `choose`), they lose more than
-    CLEAN_LOSS of accuracy on undisturbed recordings or are not `affordable`."""
-    ranked = sorted(in_reach(judged, calm, prices), key=lambda one: -one.score)
-    return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], prices)
+    """The cheapest of the candidates that tie with the best score and are beyond their bounds in at most MORE_MODES
+    more than the best of these; at equal cost the one in fewer modes, then with the higher score. Candidates are left
+    out if, compared with ``calm`` (the choice of `choose`), they lose more than CLEAN_LOSS of accuracy on undisturbed
+    recordings or are not `affordable`."""
+    ranked = sorted(in_reach(judged, calm, prices), key=lambda scored: -scored.score)
+    level = [scored for scored in ranked if is_level(ranked[0].scores, scored.scores)]
+    level.sort(key=lambda scored: scored.beyond)
+    most = level[0].beyond + MORE_MODES
+    return _cheapest([scored for scored in level if scored.beyond <= most], prices)
 
 
 def front_end_fields(config: AcceleratorConfig) -> Record:

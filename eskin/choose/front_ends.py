@@ -57,6 +57,10 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Number of pairs of gate and windows on which kinds of feature are tried. A gate that is this many standard
 errors behind the best is not tried with further windows."""
 
+WHOLE, UNDOUBLED = ((20, 8), (12, 8), (8, 8), (2, 8)), 8
+"""Windows that divide the touch: their number, and the most sums of each. A touch of 1 / UNDOUBLED of the longest
+fills the store before the hop doubles."""
+
 DESCENT = 16
 """Highest number of cheaper neighbours that are judged."""
 
@@ -233,7 +237,9 @@ class Screen:
         candidate."""
         network = config.network.replace(decision="vote", early_margin=0, early_steps=1)
         plain = dataclasses.replace(config, features=Features(), network=network)
-        if config.windows.window_mode == "free":
+        if config.follows_touch:  # every division of a touch needs the same frames
+            plain = plain.replace(hop=1, window=2, steps=1, store_per_window=2, name="gate")
+        elif config.windows.window_mode == "free":
             hop = int(min(self.recordings.lengths.max(), 65535))
             plain = plain.replace(hop=hop, window=2 * hop, steps=1, name="gate")
         touches = self._touches.pop(plain, None)
@@ -350,6 +356,7 @@ class FrontEnds:
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)
+        self.longest = int(recordings.lengths.max())
         self.screen = Screen(self.recordings)
         self.progress = progress or (lambda what, done, total: None)
         self._grams: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
@@ -455,18 +462,31 @@ def kinds_of_feature(search: FrontEndSearch) -> Request:
     )
 
 
+def windows_of_the_touch(search: FrontEndSearch) -> Request:
+    """Means of windows that divide the whole touch, on the best SURVIVORS gates."""
+    longest = search.front_ends.longest
+    gates: dict[Any, AcceleratorConfig] = {}
+    for scored in search.ranked(search.near()):
+        at = scored.candidate.front_end
+        gates.setdefault((at.rest_level, at.onset_rule), at)
+    return _screened(config for at in [*gates.values()][:SURVIVORS] for config in whole(at, longest))
+
+
 def around_the_best(search: FrontEndSearch) -> Request:
     """Other windows and thresholds of the best."""
     return _screened(_around(best_of(search.tried).candidate.front_end, search.by_gate))
 
 
 def fewer_scans(search: FrontEndSearch) -> Request:
-    """The one that the rule takes with fewer scans; the best, too, unless the search is brief."""
-    taken = [choose(search.tried, search.prices)] + [best_of(search.tried)] * (not search.brief)
+    """The choice of the rule with fewer scans; the best, too, unless the search is brief; and the choice among windows
+    that divide the touch."""
+    chosen = [choose(search.tried, search.prices)] + [best_of(search.tried)] * (not search.brief)
+    if dividing := [scored for scored in search.tried if scored.config.follows_touch]:
+        chosen.append(choose(dividing, search.prices))
     return _screened(
         config
-        for one in dict.fromkeys(taken)
-        for config in _fewer_scans(one.candidate.front_end, search.by_gate)
+        for scored in dict.fromkeys(chosen)
+        for config in _fewer_scans(scored.candidate.front_end, search.by_gate)
     )
 
 
@@ -490,6 +510,7 @@ MOVES: tuple[Move[FrontEndSearch], ...] = (
     Move("usual windows of every gate", usual_windows),
     Move("further windows", further_windows),
     Move("kinds of feature", kinds_of_feature),
+    Move("windows that divide the touch", windows_of_the_touch),
     Move("windows and thresholds around the best", around_the_best),
     Move("fewer scans", fewer_scans),
     Move("cheaper neighbours", cheaper_neighbours, repeats=DESCENT),
@@ -521,12 +542,13 @@ class Listed:
 
     taken: the one that the rule takes. smaller: that one, the most accurate one, and the one that the rule
     takes for each smaller number of kinds; the cheapest first. rivals: the most accurate ones with other
-    gates.
+    gates. during: the same without windows that divide the touch; None: there are none of these.
     """
 
     taken: AcceleratorConfig
     smaller: tuple[AcceleratorConfig, ...]
     rivals: tuple[AcceleratorConfig, ...] = ()
+    during: Listed | None = None
 
     @classmethod
     def alone(cls, config: AcceleratorConfig) -> Listed:
@@ -535,8 +557,9 @@ class Listed:
 
     @property
     def for_recurrent(self) -> list[AcceleratorConfig]:
-        """TRIED_RECURRENT at most, the one taken first."""
-        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        """TRIED_RECURRENT at most, the one taken first. A recurrent cell decides during the touch."""
+        at = self.during or self
+        order = (at.taken, at.smaller[0], *at.rivals, *at.smaller)
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
@@ -553,11 +576,13 @@ def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
     smaller = [choose(group, prices) for group in groups if group]
     smaller.sort(key=lambda one: prices.price(one.config))
     best_of_gate: dict[Any, AcceleratorConfig] = {}
-    for one in sorted(near, key=lambda one: -one.accuracy):
-        best_of_gate.setdefault(_kind_of_gate(one), one.candidate.front_end)
+    for scored in sorted(near, key=lambda scored: -scored.accuracy):
+        best_of_gate.setdefault(_kind_of_gate(scored), scored.candidate.front_end)
     best_of_gate.pop(_kind_of_gate(taken))
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
-    return Listed(taken.candidate.front_end, tuple(unique), tuple(best_of_gate.values())[:RIVALS])
+    others = [scored for scored in judged if not scored.config.follows_touch]
+    during = listed(others, prices) if 0 < len(others) < len(judged) else None
+    return Listed(taken.candidate.front_end, tuple(unique), tuple(best_of_gate.values())[:RIVALS], during)
 
 
 def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
@@ -598,14 +623,28 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
     return filter(None, tried)
 
 
+def whole(at: AcceleratorConfig, longest: int) -> list[AcceleratorConfig]:
+    """``at`` with means of each of WHOLE windows that divide a touch of ``longest`` frames of the source at most."""
+    frames = min(-(-longest // at.sensor.scan_every), 65535)
+    found = []
+    for steps, sums in WHOLE:
+        # a touch ends after at least a hop of quiet frames
+        hop = max(min(frames // (steps * sums * UNDOUBLED), at.onset_rule.rearm_frames), 1)
+        windows = dict(hop=hop, window=2 * hop, steps=steps, store_per_window=sums, pretrigger_frames=0)
+        length = dict(touch_frames=max(frames, hop * steps), activity_block=1)
+        found.append(valid(at, window_mode="whole", feature_kinds=("mean",), **windows, **length))
+    return [config for config in found if config]
+
+
 def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
     """``at`` with half the scans: quantities in frames keep their time in seconds. A rest level for an onset
     is the mean of as many frames as before, because the noise of a frame stays the same. None if the hop or
-    the fault detector's block cannot be halved, or if windows are not free-running."""
+    the fault detector's block cannot be halved, or if windows begin before the onset."""
     windows, features, rule, rest = at.windows, at.features, at.onset_rule, at.rest_level
-    if windows.window_mode != "free" or windows.hop % 2 or at.faults.fault_frames == 2:
+    odd = windows.hop % 2 and not at.follows_touch
+    if windows.window_mode == "touch" or odd or at.faults.fault_frames == 2:
         return None
-    hop, block = windows.hop // 2, features.activity_block
+    hop, block = max(windows.hop // 2, 1), features.activity_block
     if block > 1:
         block = block_of(hop) if block % 2 else block // 2
     return valid(
@@ -618,6 +657,7 @@ def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
         fault_frames=at.faults.fault_frames // 2,
         hop=hop,
         window=2 * hop,
+        touch_frames=-(-windows.touch_frames // 2) if at.follows_touch else windows.touch_frames,
         activity_block=block,
         integral_knee=max(features.integral_knee - 1, 0),  # sums of half the frames
     )
@@ -643,9 +683,9 @@ def _fewer_scans(
             for threshold in thresholds
             for clip in (rests.clip, 2 * threshold, 3 * threshold)
         ]
-    for whole in dict.fromkeys((hop, max(hop - hop % 8, 1))):
-        block = block_of(whole) if best.features.activity_block > 1 else 1
-        windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}
+    for eighths in dict.fromkeys((hop, max(hop - hop % 8, 1))):
+        block = block_of(eighths) if best.features.activity_block > 1 else 1
+        windows = dict(hop=eighths, window=2 * eighths, activity_block=block) if eighths != hop else {}
         for threshold, clip in rules:
             at = valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
             while at and (at := scanning_half(at)):

@@ -74,6 +74,8 @@ ROBUST, ROBUST_UPDATES = "robust", 800
 """Recipe of recurrent cells that are judged under disturbance, and its updates."""
 GATES_AHEAD, RECURRENT = 2, 4
 """Numbers of front ends that recurrent cells are tried on under disturbance, and of these cells."""
+DIVIDED = 4
+"""Number of gates on which windows that divide the touch are tried under disturbance."""
 AGAIN = 2
 """Maximum number of candidates under disturbance that are scored with other seeds."""
 
@@ -406,6 +408,24 @@ def more_windows(search: NetworkSearch) -> Request:
     )
 
 
+def windows_of_the_touch(search: NetworkSearch) -> Request:
+    """Sturdy linear cells on windows that divide the touch, on the best gates so far and on the choice's own."""
+    calm, hardening = search.calm, search.hardening
+    if calm is None or hardening is None:
+        return Request()
+    gates: dict[Any, AcceleratorConfig] = {}
+    for scored in [*ahead_of(search), calm]:
+        on = scored.candidate.front_end
+        gates.setdefault((on.rest_level, on.onset_rule, on.sensor.scan_every), on)
+    ends = [*gates.values()][: 2 if search.effort.brief else DIVIDED]
+    ons = dict.fromkeys(divided for on in ends for divided in hardening.dividing(on))
+    return search.request(
+        search.in_price(
+            search.options.possible(on, "linear", None, fit) for on in ons for fit in search.effort.sturdy
+        )
+    )
+
+
 def robust_recurrent(search: NetworkSearch) -> Request:
     """GRUs trained with failing taxels, on the sturdiest front ends."""
     calm, hardening, options = search.calm, search.hardening, search.options
@@ -474,6 +494,7 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("further seeds", other_seeds),
     Move("sturdier designs", sturdier_networks),
     Move("more windows", more_windows),
+    Move("windows that divide the touch", windows_of_the_touch),
     Move("recurrent cells trained under disturbance", robust_recurrent),
     Move("further seeds under disturbance", seeds_under_stress),
     Move("what a higher cost gains", robust_dearer),

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.choose.candidate import CLEAN_LOSS
-from eskin.choose.front_ends import Screen, block_of, valid
+from eskin.choose.front_ends import WHOLE, Screen, block_of, valid, whole
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
+from eskin.training.derive import settling_frames
 
 if TYPE_CHECKING:
     from eskin.study.stability.panel import Panel
@@ -40,6 +41,8 @@ SELDOM = 0.1
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
 
+STEADY = tuple(steps for steps, _ in WHOLE[:2])
+"""Numbers of windows that divide the touch: a few windows depend too much on each taxel."""
 SPREAD = (10, 20, 31)
 """Numbers of windows over more of a touch."""
 
@@ -108,7 +111,7 @@ class Hardening:
         """``config`` with twice the scans and means alone, which use more samples before an onset and cost
         about as much; or an empty list."""
         every, kinds = config.sensor.scan_every, config.features.feature_kinds
-        if self.screen is None or every == 1 or "mean" not in kinds or config.windows.window_mode != "free":
+        if self.screen is None or every == 1 or "mean" not in kinds or config.windows.window_mode == "touch":
             return []
         rule, hop = config.onset_rule, 2 * config.windows.hop
         one = valid(
@@ -121,9 +124,29 @@ class Hardening:
             fault_frames=2 * config.faults.fault_frames,
             hop=hop,
             window=2 * hop,
+            touch_frames=min(2 * config.windows.touch_frames, 65535),
             feature_kinds=("mean",),
         )
         return [one] if one else []
+
+    def dividing(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
+        """``config`` with means of windows that divide the whole touch, the level of the first frames subtracted, a
+        tight clip, and as many scans, twice and four times as many."""
+        if self.screen is None or config.windows.window_mode == "touch":
+            return []
+        denser = [config]
+        denser += self.denser(config)
+        denser += [on for twice in denser[1:] for on in self.denser(twice)]
+        found, longest = list[AcceleratorConfig](), int(self.screen.recordings.lengths.max())
+        for base in denser:
+            if base.opens_at_once:
+                settle = settling_frames(self.screen.recordings.sample_rate_hz / base.sensor.scan_every)
+                level = dict(rest="initial", rest_frames=settle) if base.rest_level.rest == "none" else {}
+                base = valid(base, clip=0, **level) or base  # a clip would hide the largest deviations
+            for on in whole(base, longest):
+                if on.windows.steps in STEADY:
+                    found += (self.sturdier(on)[-1:] if on.opens_at_once else []) or [on]
+        return found
 
     def spread(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with each of SPREAD windows of its hop or shorter, which nearly all touches complete: with its

@@ -120,6 +120,7 @@ def _child(case: Path, words: list[str], draws: bool, answer: Connection) -> Non
     # torch settles it when it is imported, for good
     os.environ["TORCHINDUCTOR_CACHE_DIR"] = str(case / "tmp" / "torch")
     tempfile.tempdir = None
+    sys.dont_write_bytecode = True  # a verb's modules are compiled when it first runs, beside their source
     os.chdir(case / "out")
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_CPU, (PROCESSOR_S, PROCESSOR_S))

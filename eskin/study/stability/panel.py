@@ -291,6 +291,9 @@ class Panel:
         rows: dict[str, list[Record]] = {"stress": [], "gate_modes": []}
         for name, cases in wrong.items():
             mode, experiment = EXPERIMENTS[name]
+            cases = cases[~np.isnan(cases).all(axis=1)]
+            if not len(cases):  # a fold may have none of the recordings
+                continue
             figure = experiment.figure(np.nanmean(cases, axis=1))
             bound = mode.bound(SimpleNamespace(clean_accuracy=accuracy))
             row = {"mode": name, "figure": figure, "bound": bound, "held": bool(mode.holds(figure, bound))}

@@ -134,6 +134,7 @@ def test_ridge_regression_is_fitted_again_for_every_fold(width):
             steps=12,
             rearm_frames=64,
         ),
+        dict(window_mode="whole", hop=4, window=8, steps=6, store_per_window=4, touch_frames=300),
     ],
 )
 def test_windows_cut_from_touches_found_once(changes):
@@ -265,7 +266,8 @@ def test_lengths_from_one_to_three_seconds_are_windows_for_most():
     assert late.config.last_frame > 330 and late.screened[0].correct[lengths > 400].mean() > 0.9
     of_class = np.where(np.arange(80) % 2 == 1, 500, 200) + lengths // 10
     told = choose_front_end(lasting(of_class, tells=10_000), priced())
-    assert all(one.config.last_frame <= of_class.min() for one in told.screened)
+    timed = [one.config for one in told.screened if not one.config.follows_touch]
+    assert all(config.last_frame <= of_class.min() for config in timed)
     assert told.screened[0].accuracy < 0.75
 
 
@@ -276,6 +278,21 @@ def test_touches_at_random_times_want_an_onset(found):
     at_once = max(row["accuracy"] for row in record["rivals"] if row["onset"] == "immediate")
     assert accuracy > 0.9 and at_once < accuracy - 0.1
     assert record["split"] == ["day"] and record["folds"] == 4
+
+
+def test_touches_of_any_length_want_windows_that_divide_them():
+    """A peak after a quarter, half or three quarters of a touch, whose length is any."""
+    rng, parts = np.random.default_rng(8), []
+    for i in range(60):
+        time = np.linspace(0, 1, rng.integers(60, 400))
+        peak = 60 * np.exp(-(((time - (1 + i % 3) / 4) / 0.1) ** 2))
+        parts.append(500 + peak[:, None] * rng.uniform(0.8, 1.2, 5) + rng.normal(0, 2, (len(time), 5)))
+    front_end = choose_front_end(archive([np.rint(part) for part in parts], np.arange(60) % 3), priced())
+    assert front_end.config.follows_touch and front_end.screened[0].accuracy > 0.95
+    equal = max(one.accuracy for one in front_end.screened if not one.config.follows_touch)
+    assert equal < front_end.screened[0].accuracy - 0.1
+    fewer = {one.config.sensor.scan_every for one in front_end.screened if one.config.follows_touch}
+    assert max(fewer) > 1
 
 
 def test_classes_that_only_move_differently_want_activity():

@@ -152,6 +152,18 @@ def test_average_powers_within_a_hundredth_are_equal_and_then_energy_decides():
     assert choose([first, second], energy(0.5, EQUAL + 0.001)) is first
 
 
+def test_a_tie_goes_to_a_candidate_that_is_beyond_in_hardly_more_modes(monkeypatch):
+    first, second = judged(4, 1000, 900), judged(8, 1000, 900)
+    for of_first, of_second, taken in ((1, 1, first), (2, 1, first), (3, 1, second), (0, 3, first)):
+        beyond = {id(first): of_first, id(second): of_second}
+        monkeypatch.setattr(
+            ScoredCandidate, "beyond", property(lambda scored, beyond=beyond: beyond[id(scored)])
+        )
+        assert choose_stable([second, first], first, energy(1.5)) is taken, (of_first, of_second)
+    monkeypatch.undo()
+    assert first.beyond == 1
+
+
 # ---------------------------------------------------------------------- a fragile scene
 def gate_costs(config: AcceleratorConfig) -> Cost:
     """A clip costs something here, and a gate that is always open or a recurrent cell too much."""
@@ -204,6 +216,24 @@ def test_a_sturdier_gate_is_not_opened_by_a_glitch():
         {one.rest_level.clip for one in hardening.sturdier(once)}, reverse=True
     )
     assert Hardening(panel).sturdier(plain) == []  # it was asked for
+
+
+def test_windows_that_divide_a_touch_are_sturdy_with_more_scans_and_without_the_level():
+    recordings = stability_case.recordings()
+    at = stability_case.CONFIG.replace(
+        fault_frames=0, fault_activity=0, window_mode="free", pretrigger_frames=0
+    )
+    once = at.replace(onset="immediate", rest="none", rest_frames=0, clip=0, scan_every=4)
+    found = Hardening(None, Screen(recordings)).dividing(once)  # type: ignore[arg-type]
+    assert {on.sensor.scan_every for on in found} == {4, 2, 1} and {on.windows.steps for on in found} == {
+        20,
+        12,
+    }
+    for on in found:
+        assert on.follows_touch and on.rest_level.rest == "initial" and on.rest_level.clip > 0
+        assert on.windows.touch_frames * on.sensor.scan_every >= recordings.lengths.max()
+    gated = Hardening(None, Screen(recordings)).dividing(at)  # type: ignore[arg-type]
+    assert {on.onset_rule for on in gated} == {at.onset_rule} and all(on.follows_touch for on in gated)
 
 
 # ---------------------------------------------------------------------- what is asked for
