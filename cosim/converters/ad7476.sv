@@ -1,6 +1,8 @@
 // Analog Devices AD7476A as its data sheet describes it, a chip a taxel on shared CS and clock (a Pmod AD1 has two): 12 bits, 16 clocks.
 // CS falling takes the sample and puts out the first of four leading zeros; each falling edge of the clock puts out the next bit; after the
 // sixteenth falling edge, and with CS high, SDATA is not driven (a pull-up holds it high).
+// CS that rises between the second and the tenth falling edge powers it down; the next transfer of ten or more wakes it, whose data are not
+// valid, and a sample 1 us after its beginning is.
 // fault: 1 SDATA stays low, 2 not driven, 3 the last chip alone is missing.
 `timescale 1ns / 1ps
 
@@ -14,17 +16,25 @@ module converter #(
     input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
 );
     reg [11:0] held [0:TAXELS-1];
-    integer falls = 0, k = 0, s = 0, at = 0, clocked = 0;
+    integer falls = 0, k = 0, s = 0, at = 0, clocked = 0, waking = 0;
+    reg asleep = 1'b0;
     initial begin
         violations = 0;
         miso = {LINES{1'b1}};
     end
     always @(cs_n, negedge sclk) begin
-        if (&cs_n) falls = -1;
+        if (&cs_n) begin
+            if (falls >= 2) begin
+                waking = asleep && falls >= 10 ? at : 0;
+                asleep = falls < 10;
+            end
+            falls = -1;
+        end
         else if (falls < 0) begin
             falls = 0;
             at = $time / 10;
-            for (k = 0; k < TAXELS; k = k + 1) held[k] = analog[32*k +: 12];
+            if (waking != 0 && (at - waking) * CYCLE_PS < 1000000) violations = violations + 1;
+            for (k = 0; k < TAXELS; k = k + 1) held[k] = asleep ? $random : analog[32*k +: 12];
         end else begin
             falls = falls + 1;
             if (falls > 1 && ($time / 10 - clocked) * CYCLE_PS < 50000) violations = violations + 1;  // 20 MHz at most

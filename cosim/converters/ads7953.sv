@@ -2,6 +2,7 @@
 //
 // Manual mode: a word that is clocked in during frame N sets the multiplexer in frame N+1; that channel is converted when frame N+2 begins,
 // and comes out in it: number in bits 15..12, code in 11..0. Data change on falling clock edges and are good on rising ones.
+// DI05 powers it down when its frame ends; a word without it wakes it, which takes 1 us, and its first conversion is not valid.
 // fault: 1 SDO stays low, 2 SDO is not driven (a pull-up holds it high), 3 the multiplexer does not move.
 `timescale 1ns / 1ps
 
@@ -20,7 +21,8 @@ module converter #(
     reg [3:0] multiplexer = 4'd0, wanted = 4'd0;
     reg manual = 1'b0;
     reg [15:0] out = 16'd0, in = 16'd0;
-    integer clocks = 0;
+    integer clocks = 0, woke = 0;
+    reg asleep = 1'b0, invalid = 1'b0;
     integer fell = 0, rose = 0, clocked = 0;
     initial violations = 0;
 
@@ -32,6 +34,9 @@ module converter #(
         if (rose != 0 && ps(rose) < 40000) violations = violations + 1;      // CS high between frames
         fell = $time / 10;
         out = {multiplexer, analog[32*multiplexer +: 12]};                    // sampled when the frame begins
+        if (!asleep && woke != 0 && ps(woke) < 1000000) violations = violations + 1;
+        if (asleep || invalid) out = $random;
+        if (!asleep) invalid = 1'b0;
         multiplexer = fault == 3 ? multiplexer : wanted;                      // and the next channel is switched in during it
         clocks = 0;
     end
@@ -48,6 +53,11 @@ module converter #(
         if (clocks == 16) begin
             if (in[15:12] == 4'b0001) begin
                 manual = 1'b1;
+                if (in[11] && asleep && !in[5]) begin
+                    woke = $time / 10;
+                    invalid = 1'b1;
+                end
+                if (in[11]) asleep = in[5];
                 if (in[11]) wanted = in[10:7];
                 if (in[11] && in[4]) violations = violations + 1;             // the number would not come back with the code
             end else if (in[15:12] != 4'b0000) violations = violations + 1;   // a mode that this model does not know

@@ -1,6 +1,6 @@
 // Two Microchip MCP3208 as their data sheet (DS21298) describes them, on shared CS, clock and DIN (or with a CS of their own): 8 channels,
 // 12 bits each. A start bit that is high, SGL/DIFF, D2 D1 D0, a clock in which the sample is taken, a null bit, B11 .. B0; what the chip
-// says changes on falling edges. Until the null bit DOUT is not driven (a pull-up holds it high).
+// says changes on falling edges. With CS high it sleeps and needs no time to wake. Until the null bit DOUT is not driven (a pull-up holds it high).
 // fault: 1 DOUT stays low, 2 DOUT is not driven, 3 the second chip alone is missing.
 `timescale 1ns / 1ps
 

@@ -16,7 +16,7 @@ class SpiConverter(wiring.Component):
     A frame takes ``len(plan.transfers)`` times (`SpiMaster`'s transfer + lines + 2) cycles. Checked are the
     channel's number and the bits that are 0 by the data sheet (ORDER), and for each chip whether all its
     codes are at the same end of their range (STUCK); chips with a single channel are judged together, because
-    one saturated taxel is no fault.
+    one saturated taxel is no fault. With a plan whose chips sleep, some transfers have no code.
 
     Members
     -------
@@ -47,13 +47,17 @@ class SpiConverter(wiring.Component):
         begin = Signal()
         commands = Array([Const(command, chip.bits) for _, command in plan.transfers[:per_select]])
         drive(m, master, start=begin, select=group, command=commands[step])
+        if plan.short:
+            m.d.comb += master.short.eq(step == per_select - 1)
 
         word = Signal(chip.bits)
         m.d.comb += word.eq(Array(list(master.words))[line])
         code = word[chip.code_bit : chip.code_bit + chip.code_bits]
-        counted = step >= chip.delay  # before that, data of commands of the frame before
+        counted = step >= plan.first  # before that, data of commands of the frame before
+        if plan.short:
+            counted &= step != per_select - 1
         channel = Signal(range(max(2, chip.channels)))
-        m.d.comb += channel.eq(step - chip.delay)
+        m.d.comb += channel.eq(step - plan.first)
         drive(
             m,
             self.put,

@@ -41,6 +41,8 @@ class SpiMaster(Block):
         Begin a transfer; only while ``idle``.
     select : In, command : In(bits)
         Number of the select that falls, and the bits to send; taken with ``start``.
+    short : In(1), only with ``plan.short``
+        The transfer has so many clocks, and ``words`` then holds nothing; taken with ``start``.
     idle : Out(1)
         No transfer, and select has been high long enough.
     done : Out(1)
@@ -55,7 +57,9 @@ class SpiMaster(Block):
 
     def ports(self, plan: SpiPlan):
         bits, lines, selects = plan.chip.bits, plan.lines, plan.selects
-        return inputs("start", select=range(max(2, selects)), command=bits) | outputs(
+        begun = inputs("start", select=range(max(2, selects)), command=bits)
+        begun |= inputs("short") if plan.short else {}
+        return begun | outputs(
             "idle", "done", words=data.ArrayLayout(unsigned(bits), lines), pins=spi_pins(lines, selects)
         )
 
@@ -77,7 +81,7 @@ class SpiMaster(Block):
         m.d.sync += timer.eq(timer - ~over)
         with m.If(self.start & self.idle):
             m.d.sync += [
-                place.eq(halves + 1),
+                place.eq(Mux(self.short, 2 * plan.short, halves) + 1 if plan.short else halves + 1),
                 timer.eq(plan.lead - 1),
                 out.eq(self.command),
                 pins.cs_n.eq(~(1 << self.select)),

@@ -50,6 +50,12 @@ class Plan:
     ``code_bits``."""
 
     chips: int = 1
+
+    @property
+    def sleeping(self) -> Plan:
+        """The plan by which chips sleep between scans; the same where they have no command for it."""
+        return self
+
     zero: int | None = None
     """The code of sample 0, if the data sheet has one."""
 
@@ -82,8 +88,10 @@ class Converter(Group):
     figure."""
     stated: ClassVar[str] = ""
     """Data sheet and conditions that ``watt`` is taken from."""
+    asleep_watt: ClassVar[float | None] = None
+    """Power of a chip that sleeps, from the data sheet; None: it cannot, or the sheet has no figure."""
     sleeps_unselected: ClassVar[bool] = False
-    """It takes next to nothing while its select is high, without any command."""
+    """It sleeps while its select is high, without any command."""
 
     name: StrictStr = field(repr=False)
     hz: Annotated[Real, Ge(0)] = 0.0

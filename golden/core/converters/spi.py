@@ -32,7 +32,9 @@ class SpiChip:
     the channel's number in it (0 bits: none); zeros: bits of it that are 0 by the data sheet. sclk_hz,
     conversions_hz: highest rates. high_s, lead_s: shortest time with select high between transfers, and from
     its fall to the first clock. most: largest number of chips (0: any number); instead: advice for more
-    taxels. watt, stated, sleeps_unselected: as in `Converter`.
+    taxels. watt, stated, asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word of a scan
+    puts it to sleep, and the first one wakes it; sleep_bits: a last transfer of so few clocks does. waking: transfers
+    of a scan that only wake it.
     """
 
     bits: int
@@ -53,7 +55,11 @@ class SpiChip:
     instead: str = ""
     watt: float | None = None
     stated: str = ""
+    asleep_watt: float | None = None
     sleeps_unselected: bool = False
+    sleep_command: int | None = None
+    sleep_bits: int = 0
+    waking: int = 0
 
 
 SPI_CHIPS: dict[str, SpiChip] = {
@@ -75,6 +81,10 @@ SPI_CHIPS: dict[str, SpiChip] = {
         instead="it has 16 channels: use mcp3208x2 or spi with more lines, or fewer taxels",
         watt=14.5e-3,
         stated="SLAS605: 14.5 mW typical at 1 MS/s, +VA 5 V, +VBD 3 V",
+        # DI05: power-down, 1 uA, from the end of its transfer on. The next word without it wakes the chip; its first
+        # conversion, in the second transfer of a scan, is not valid and is one of those that the delay drops.
+        asleep_watt=1e-6 * 5.0,
+        sleep_command=0x1820,
     ),
     # start bit, single-ended, three bits of channel, a clock to sample, a null bit, twelve bits of code
     "mcp3208x2": SpiChip(
@@ -91,7 +101,8 @@ SPI_CHIPS: dict[str, SpiChip] = {
         instead="two chips have 16 channels: use fewer taxels or another converter",
         watt=320e-6 * 5.0,
         stated="DS21298: 320 uA typical while active, 5 V",
-        sleeps_unselected=True,  # its pin CS/SHDN: 0.5 uA typical
+        asleep_watt=0.5e-6 * 5.0,  # its pin CS/SHDN: 0.5 uA typical
+        sleeps_unselected=True,
     ),
     "ad7476": SpiChip(
         bits=16,
@@ -103,6 +114,11 @@ SPI_CHIPS: dict[str, SpiChip] = {
         lead_s=40e-9,
         watt=5.1e-3,
         stated="AD7476A, rev. F: 5.1 mW in normal operation at 1 MS/s, 3 V",
+        # select rises between the second and the tenth falling clock edge: power-down, 1 uA; a whole transfer wakes it,
+        # and its data are not valid
+        asleep_watt=1e-6 * 3.0,
+        sleep_bits=6,
+        waking=1,
     ),
 }
 """``mcp3208x2`` runs at 3.3 V with its limits for 2.7 V. ``high_s`` of the ads7953 and of the ad7476 is
@@ -116,7 +132,8 @@ class SpiPlan(Plan):
     lines: data lines, whose chips share clock, command and select. selects: groups of chips that are read one
     after the other, each with a separate select line. transfers: (group, command) of each transfer of a
     scan. half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of
-    select high.
+    select high. waking: transfers of a select before its others, whose answers count for nothing; short: clocks of its
+    last transfer, which puts its chips to sleep (0: there is none).
     """
 
     chip: SpiChip
@@ -126,6 +143,18 @@ class SpiPlan(Plan):
     half: int
     lead: int
     high: int
+    waking: int = 0
+    short: int = 0
+
+    @property
+    def sleeping(self) -> SpiPlan:
+        """The plan by which the chips sleep between scans: they are woken and put to sleep by transfers of a scan."""
+        chip, words = self.chip, [word for group, word in self.transfers if group == 0]
+        if chip.sleep_command is not None:
+            words[-1] = chip.sleep_command
+        words = [0] * chip.waking + words + [0] * (chip.sleep_bits > 0)
+        transfers = tuple((group, word) for group in range(self.selects) for word in words)
+        return dataclasses.replace(self, transfers=transfers, waking=chip.waking, short=chip.sleep_bits)
 
     def wires(self, chip: str) -> dict[str, str]:
         """Ports of a board in wiring order, and the pin of each."""
@@ -159,7 +188,12 @@ class SpiPlan(Plan):
     @property
     def per_select(self) -> int:
         """Transfers of one group of chips in a scan."""
-        return self.chip.channels + self.chip.delay
+        return len(self.transfers) // self.selects
+
+    @property
+    def first(self) -> int:
+        """Transfers of one group of chips before the first code."""
+        return self.waking + self.chip.delay
 
     @property
     def scan_cycles(self) -> int:
@@ -264,6 +298,11 @@ class SpiByName(OnSpi):
     def stated(self) -> str:  # type: ignore[override]
         """Text of the row about the chip's figures."""
         return self.chip().stated
+
+    @property
+    def asleep_watt(self) -> float | None:  # type: ignore[override]
+        """Power of the row's chip that sleeps."""
+        return self.chip().asleep_watt
 
     @property
     def sleeps_unselected(self) -> bool:  # type: ignore[override]

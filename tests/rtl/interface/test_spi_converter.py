@@ -25,21 +25,32 @@ CONFIGS = {
         ),
     }.items()
 }
+ASLEEP = [f"{name}, asleep" for name in CONFIGS]
+
+
+def plan_of(name: str):
+    """The plan of one of CONFIGS, or that by which its chips sleep between scans."""
+    plan = converter_plan(CONFIGS[name.removesuffix(", asleep")])
+    return plan.sleeping if name in ASLEEP else plan
+
+
 INSIDE = [700 + k for k in range(16)]
 
 
 def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, channel: word, count: int = 1):
     """(the last frame, chips) of ``count`` frames; ``spoil`` changes what a line says."""
-    plan, chip = converter_plan(CONFIGS[name]), CONFIGS[name].interface.converter.chip()
+    plan = plan_of(name)
+    chip = plan.chip
     dut, channels, transfer = SpiConverter(plan, 16), plan.chip.channels, [-1]
 
     def answer(line, fell):
         transfer[0] += line == 0
         select = fell.bit_length() - 1
-        channel = transfer[0] % plan.per_select - chip.delay
+        channel = transfer[0] % plan.per_select - plan.first
+        counts = 0 <= channel < channels
         place = (select * plan.lines + line) * channels + channel
-        code = codes[place] if channel >= 0 else random.getrandbits(chip.code_bits)
-        tag = (channel if channel >= 0 else 9) << chip.tag_bit & (1 << chip.tag_bits + chip.tag_bit) - 1
+        code = codes[place] if counts else random.getrandbits(chip.code_bits)
+        tag = (channel if counts else 9) << chip.tag_bit & (1 << chip.tag_bits + chip.tag_bit) - 1
         return spoil(code << chip.code_bit | tag, select, line, channel)
 
     chips = SpiSlave(dut.pins, chip.bits, answer)
@@ -48,13 +59,17 @@ def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, chann
     return frames[-1], chips
 
 
-@each_row("name", CONFIGS)
+@each_row("name", [*CONFIGS, *ASLEEP])
 def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
-    plan, chip = converter_plan(CONFIGS[name]), CONFIGS[name].interface.converter.chip()
+    plan = plan_of(name)
+    chip = plan.chip
     codes = random.Random(name).choices(range(1, 4095), k=16)
     frame, chips = frame_of(name, codes, count=2)
     assert frame.codes == dict(enumerate(codes)) and not frame.fault
-    assert chips.heard == 2 * [(1 << group, chip.bits, command) for group, command in plan.transfers]
+    last = {plan.per_select - 1: plan.short or chip.bits}  # of a select
+    clocks = [last.get(number % plan.per_select, chip.bits) for number in range(len(plan.transfers))]
+    words = zip(plan.transfers, clocks, strict=True)
+    assert chips.heard == 2 * [(1 << group, count, command) for (group, command), count in words]
     stuck = range(16) if name.startswith("ad7476") else [plan.lines - 1]
     for level in (0, (1 << chip.bits) - 1):
 
@@ -72,6 +87,11 @@ def test_commands_are_those_of_the_data_sheets():
         for name in ("ads7953", "mcp3208x2")
     )
     assert ads == [0x1800 | channel << 7 for channel in range(16)] + [0, 0]
+    asleep = [command for _, command in plan_of("ads7953, asleep").transfers]
+    assert asleep == [*ads[:-1], 0x1820]  # power-down with the last word; two dropped answers cover waking
+    woken = plan_of("ad7476 in series, asleep")
+    assert len(woken.transfers) == 16 * 3 and (woken.waking, woken.short) == (1, 6)
+    assert plan_of("mcp3208x2, asleep") == plan_of("mcp3208x2")
     assert [f"{command:019b}"[:5] for command in mcp] == [f"11{channel:03b}" for channel in range(8)]
 
 
