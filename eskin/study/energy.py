@@ -20,6 +20,7 @@ board, small designs with little fan-out, no block RAM. A figure is therefore ac
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +43,8 @@ class Part:
     static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock
     network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
     wires. multiply_j: a multiplier whose operands changed. oscillator_w: for each clock of the part's own
-    oscillator, Hz, the power of all supplies with a small counter. boot_j, boot_s: energy and time of a start from
+    oscillator, Hz, the power of all supplies with a small counter. starting_w: of that oscillator while its output is off.
+    boot_j, boot_s: energy and time of a start from
     flash; None: no figure. band: factor either way. rests_on: where the figures come from.
     """
 
@@ -52,6 +54,7 @@ class Part:
     toggle_j: float = 0.2e-12
     multiply_j: float = 0.0
     oscillator_w: Mapping[float, float] = field(default_factory=dict)
+    starting_w: float = 0.0
     boot_j: float | None = None
     boot_s: float = 0.0
     band: float
@@ -62,6 +65,10 @@ _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
 """Power of the UP5K's supply of the PLL and three I/O banks while the oscillator runs, by the source's
 table."""
 _OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
+_NO_OUTPUT_W = (
+    _OSCILLATOR_A[6e6] * 1.219 + _RAILS_W - (_OSCILLATOR_A[48e6] - _OSCILLATOR_A[6e6]) / 7 * 1.219 - 151e-6
+)
+"""The line through the table's 6 and 48 MHz at 0 Hz, beyond the part's 151 uW: nobody measured it."""
 
 PARTS = {
     part.name: part
@@ -71,6 +78,7 @@ PARTS = {
             static_w=151e-6,
             multiply_j=24e-12,
             oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
+            starting_w=_NO_OUTPUT_W,
             boot_j=0.54e-3,
             boot_s=70e-3,
             band=2.0,
@@ -347,25 +355,62 @@ def converter_power(config: AcceleratorConfig) -> ConverterPower | None:
     return found
 
 
+class Turn(NamedTuple):
+    """Seconds of a turn of the part's own oscillator: from power to output, of the scan, and of all that follows."""
+
+    start_s: float
+    scan_s: float
+    after_s: float
+
+
 def bitstream_power(
-    config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float, per_minute: float = 60.0
+    config: AcceleratorConfig,
+    part: Part | str,
+    activity: Activity,
+    clock_hz: float,
+    per_minute: float = 60.0,
+    turn: Turn | None = None,
+    awake: str = "",
 ) -> Power:
-    """Power of the bitstream that `eskin build` makes: the board's clock never stops.
+    """Power of the bitstream that `eskin build` makes.
 
     Parameters
     ----------
     clock_hz:
         Of the bitstream. per_minute: touches.
+    turn:
+        Of the part's own oscillator, which runs for each scan (`eskin.rtl.top.standby`). None: the board's clock never
+        stops; ``awake`` says why.
     """
     part = PARTS[part] if isinstance(part, str) else part
-    clock_w = clock_hz * part.clock_j
     switched = activity.step_toggles * part.toggle_j + activity.step_multiplies * part.multiply_j
-    changes = clock_hz * activity.idle_toggles + config.sensor.scan_rate_hz * activity.frame_toggles
+    steps, converter, rate_hz = config.windows.steps, config.interface.converter, config.sensor.scan_rate_hz
+    if turn is None:
+        share, clock_w, added = 1.0, clock_hz * part.clock_j, steps * switched
+        why = f": {awake}" if awake else ""
+        oscillator = f"{clock_hz / 1e6:g} MHz from outside, always on{why}; the oscillator's own supply is not included"
+    else:
+        running_w = part.oscillator_w[clock_hz] - part.static_w
+        share = rate_hz * (turn.scan_s + turn.after_s)
+        clock_w = share * running_w + rate_hz * turn.start_s * part.starting_w
+        frames = config.last_frame * (activity.frame_cycles - activity.quiet_frame_cycles)
+        added = steps * switched + (steps * activity.step_cycles + frames) / clock_hz * running_w
+        oscillator = (
+            f"own 10 kHz; own {clock_hz / 1e6:g} MHz for {1e3 * (turn.scan_s + turn.after_s):.2g} ms of each of "
+            f"{rate_hz:g} scans a second, {1e3 * turn.start_s:g} ms after its start, which nobody has measured"
+        )
+    changes = share * clock_hz * activity.idle_toggles + rate_hz * activity.frame_toggles
     part_w = part.static_w + clock_w + changes * part.toggle_j
-    deciding_w = per_minute / 60 * config.windows.steps * switched
-    converter_w, converter = 0.0, config.interface.converter
-    if (found := converter_power(config)) is not None:
-        converter_w = (found.scanning_w if converter.sleeps_unselected else found.power_w) or 0.0
+    deciding_w = per_minute / 60 * added
+    converter_w = 0.0
+    if (found := converter_power(config)) is not None and found.power_w is not None:
+        reading = 1.0
+        if turn is not None and converter.asleep_watt is not None:
+            reading = rate_hz * turn.scan_s
+        elif converter.sleeps_unselected:
+            reading = (found.scanning_w or 0.0) / found.power_w
+        asleep_w = found.chips * (converter.asleep_watt or 0.0)
+        converter_w = reading * found.power_w + (1 - reading) * asleep_w
     waiting_w = part_w + converter_w
     average_w = waiting_w + deciding_w
     return Power(
@@ -376,7 +421,7 @@ def bitstream_power(
         oscillators_w=clock_w,
         converter_w=converter_w,
         deciding_w=deciding_w,
-        oscillator=f"{clock_hz / 1e6:g} MHz from outside, always on; the oscillator's own supply is not included",
+        oscillator=oscillator,
         days_cr2032=CR2032_J / average_w / DAY_S,
         days_1000mah=BATTERY_J / average_w / DAY_S,
         switch_off=_switch_off(part, waiting_w),

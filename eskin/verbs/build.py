@@ -43,6 +43,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.golden.core.converters import sample_clock
 from eskin.memo import Memo, code_version
 from eskin.rtl.common import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -63,8 +64,9 @@ from eskin.rtl.program.schedule import (
     mean_frame_cycles,
     step_cycles,
 )
+from eskin.rtl.top import standby
 from eskin.rtl.top.system import BAUD, refuse_standalone
-from eskin.study.energy import PARTS, bitstream_power, estimate, in_words, scheduled_activity
+from eskin.study.energy import PARTS, Turn, bitstream_power, estimate, in_words, scheduled_activity
 
 
 class BoardRequest(ModelOptions):
@@ -267,7 +269,20 @@ class BuildRequest:
         if self.standalone:
             config = config.replace(loadable=False)
             refuse_standalone(config)
-        return Wiring(config=config, target=self.target, link=self.hosted, sensing=skin)
+        return Wiring(
+            config=config,
+            target=self.target,
+            link=self.hosted,
+            sensing=skin,
+            standby=self.standalone and not self.awake,
+        )
+
+    @property
+    def awake(self) -> str:
+        """Why the clock of a board without a host never stops; empty where it does."""
+        if self.target.family.name != "ice40":
+            return f"the {self.target.device} has no oscillator that can be switched off"
+        return standby.cannot_sleep(self.config.replace(loadable=False), self.wanted_hz)
 
     def spared(self, misfit: DoesNotFit) -> BuildRequest | None:
         """The same with weights in large memories, where block memories are what the part lacks."""
@@ -354,7 +369,10 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
         "not_taken": not_taken,
     }
-    result = chosen | _result(config, target, request.link, best, placements, request.wanted_hz)
+    awake = request.awake if request.standalone else ""
+    result = chosen | _result(
+        config, target, request.link, best, placements, request.wanted_hz, wiring.standby, awake
+    )
     if request.hosted:
         result |= {"baud": rate, "class_pins": wiring.shown}
     if wiring.sensing:
@@ -363,6 +381,13 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
             "link": request.sensing,
             "standalone": request.standalone,
             "converter": interface.converter.name,
+        }
+    if wiring.standby:
+        p, _ = sample_clock(standby.SLOW_HZ, config.sensor.scan_rate_hz)
+        result["standby"] = {
+            "start_s": standby.start_cycles() / standby.SLOW_HZ,
+            "rate_error": standby.TOLERANCE,
+            "scan_jitter_s": 0.0 if p == 1 else 1 / standby.SLOW_HZ,
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     return result, best.bitstream, netlist.verilog
@@ -413,6 +438,8 @@ def _result(
     best: Implementation,
     placements: list[Implementation],
     wanted_hz: float,
+    sleeps: bool = False,
+    awake: str = "",
 ) -> Record:
     inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
@@ -421,6 +448,8 @@ def _result(
     )
     activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), total["dsp"])
     modelled = target.device in PARTS
+    turn = Turn(*standby.turn(config, wanted_hz)) if sleeps else None
+    reached_hz = wanted_hz * (1 + standby.TOLERANCE * sleeps)  # an own oscillator may be faster
     return {
         "target": target.name,
         "device": target.device,
@@ -438,7 +467,8 @@ def _result(
         },
         "fmax_hz": best.fmax_hz,
         "clock_hz": wanted_hz,
-        "clock_met": best.fmax_hz >= wanted_hz,
+        "reached_hz": reached_hz,
+        "clock_met": best.fmax_hz >= reached_hz,
         "critical_path": best.path,
         "seed": best.seed,
         "seeds": {str(placement.seed): placement.fmax_hz for placement in placements},
@@ -450,7 +480,9 @@ def _result(
         "lowest_clock_hz": lowest_clock_hz(config),
         "budgets": _budgets(config, wanted_hz),
         "energy": estimate(config, target.device, activity, needed_hz) if modelled else None,
-        "power": bitstream_power(config, target.device, activity, wanted_hz) if modelled else None,
+        "power": bitstream_power(config, target.device, activity, wanted_hz, turn=turn, awake=awake)
+        if modelled
+        else None,
         "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}",
     }
 
@@ -511,14 +543,15 @@ def _over(short: Mapping[str, tuple[int, int]], resource: str) -> int:
 
 def clock_sentence(result: Record) -> str:
     """By how much the clock is missed and what would help."""
-    short = result["clock_hz"] - result["fmax_hz"]
+    reached_hz = result["reached_hz"]
+    short = reached_hz - result["fmax_hz"]
     tried = len(result["seeds"])
-    if tried < SEEDS_WORTH_TRYING and short < 0.15 * result["clock_hz"]:
+    if tried < SEEDS_WORTH_TRYING and short < 0.15 * reached_hz:
         helps = f"--seeds {SEEDS_WORTH_TRYING} tries more placements"
     else:
         helps = f"--clock {math.floor(result['fmax_hz'] / 1e5) * 1e5:.0f} is a clock it reaches"
-    share = 100 * short / result["clock_hz"]
-    clock = f"{result['fmax_hz'] / 1e6:.1f} of {result['clock_hz'] / 1e6:g} MHz"
+    share = 100 * short / reached_hz
+    clock = f"{result['fmax_hz'] / 1e6:.1f} of {reached_hz / 1e6:g} MHz"
     return f"misses its clock: {clock}, {share:.1f} % too slow; {helps}"
 
 

@@ -27,8 +27,9 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
+from eskin.rtl.top import standby
 from eskin.study import energy
-from eskin.study.energy import Estimate, Measured, Power, in_words
+from eskin.study.energy import Estimate, Measured, Power, Turn, in_words
 from eskin.study.touch_ends import with_touches
 from eskin.verbs.cosim import expected_of, netlist_of, work_folder
 
@@ -79,7 +80,7 @@ RESULT = "energy.json"
 
 class Configuration(Estimate):
     """A board with a number of lanes of a type; its cells by type. power: of its bitstream, at the board's
-    clock."""
+    clock; power_standalone: of one without a host, whose clock stops (None: it does not, or there is no converter)."""
 
     name: str
     target: str
@@ -88,6 +89,7 @@ class Configuration(Estimate):
     cells: dict[str, int]
     bit_exact: bool
     power: Power | None = None
+    power_standalone: Power | None = None
 
 
 class Energies(Result):
@@ -153,6 +155,13 @@ def measure(
         step_cycles=(full.registers["LONGEST"] or 0) + logit_to_decision(config) - 1,
     )
     board = find_target(target)
+    turn, has_converter = None, requested.interface.converter.name != "none"
+    if board.family.name == "ice40" and has_converter and not standby.cannot_sleep(requested, board.clock_hz):
+        turn = Turn(*standby.turn(requested, board.clock_hz))
+    power, power_standalone = (
+        energy.bitstream_power(requested, board.device, activity, board.clock_hz, touches, each)
+        for each in (None, turn)
+    )
     return Configuration(
         name=f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
         target=target,
@@ -160,7 +169,8 @@ def measure(
         lane_type=lane_type,
         cells=cells,
         bit_exact=all(result.bit_exact for result in (lowest, full, slow)),
-        power=energy.bitstream_power(requested, board.device, activity, board.clock_hz, touches),
+        power=power,
+        power_standalone=power_standalone if turn else None,
         **dict(energy.estimate(requested, board.device, activity, lowest.clock_hz)),
     )
 

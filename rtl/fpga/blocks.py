@@ -27,6 +27,8 @@ BLOCKS = {
     "position": "position",
     "stimulation": "stimulator",
     "registers": "registers",
+    "standby": "standby",
+    "scans": "standby",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top
 otherwise."""

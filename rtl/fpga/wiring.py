@@ -4,11 +4,13 @@ from dataclasses import dataclass
 
 from eskin.golden.core import AcceleratorConfig, InputError, converter_plan
 from eskin.rtl.fpga.open_drain import OpenDrain
+from eskin.rtl.fpga.own_clocks import OnOwnClocks
 from eskin.rtl.fpga.synthesis import Harness, PoweredOn
 from eskin.rtl.fpga.targets import Target
 from eskin.rtl.interface.i2c_master import I2C_PINS
 from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.standby import standby_plan
 from eskin.rtl.top.system import BAUD, ClassPins, System, class_pin_count
 
 STIMULATOR_PIN = 8
@@ -31,15 +33,17 @@ class Wiring:
     """A design on a board.
 
     link: a host's serial line. sensing: frames from the configuration's converter, its stimulator if it has
-    one. Neither: onset to decision alone, in a harness.
+    one. Neither: onset to decision alone, in a harness. standby: on the part's own oscillators, of which the fast one
+    runs for each scan; without a link.
     """
 
     config: AcceleratorConfig
     target: Target
     link: bool = False
     sensing: bool = False
+    standby: bool = False
 
-    def design(self, images: Images | None, clock_hz: float, baud: float | None) -> PoweredOn:
+    def design(self, images: Images | None, clock_hz: float, baud: float | None) -> PoweredOn | OnOwnClocks:
         """The design, reset at power-on until its part is ready; alone, that belongs to the board's top,
         which is not there."""
         # long enough whichever of them it is
@@ -55,9 +59,13 @@ class Wiring:
             clock_hz=clock_hz,
             baud=baud or BAUD,
             class_pins=self.shown,
+            plan=standby_plan(self.config, clock_hz) if self.standby else None,
         )
         shared = self.sensing and top.signature.members["pins"].signature == I2C_PINS
-        return PoweredOn(OpenDrain(top) if shared else top, hold)
+        inner = OpenDrain(top) if shared else top
+        if self.standby:
+            return OnOwnClocks(inner, self.config.sensor.scan_rate_hz, clock_hz)
+        return PoweredOn(inner, hold)
 
     @property
     def shown(self) -> ClassPins:
@@ -81,7 +89,7 @@ class Wiring:
         InputError
             The board has too few.
         """
-        target, own = self.target, {"clk": self.target.clock_pin}
+        target, own = self.target, {} if self.standby else {"clk": self.target.clock_pin}
         if not (self.link or self.sensing):
             return own | dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))
         line = dict(zip(("rx", "tx"), target.uart, strict=True)) if self.link else {}

@@ -39,11 +39,16 @@ class Acquisition(wiring.Component):
     ----------
     clock_hz:
         Frequency of the ``sync`` domain; default: the configuration's.
+    plan:
+        By which the converter is read where scans are started from outside; default: the configuration's at ``clock_hz``,
+        and a sample clock.
 
     Members
     -------
     run : In(1)
-        Frames are wanted: the first scan begins at once.
+        Frames are wanted: the first scan begins at once. With a ``plan`` a scan begins in each cycle in which it is high.
+    resting : Out(1), only with a ``plan``
+        The converter's port does not move.
     o : Out(stream of sample_layout)
         Good frames.
     sampling : Out(1)
@@ -62,9 +67,13 @@ class Acquisition(wiring.Component):
     begins while the converter is being set up.
     """
 
-    def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None):
-        self._config, self._clock_hz = config, clock_hz or config.hardware.clock_hz
-        plan = converter_plan(config, self._clock_hz)
+    def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None, plan: Any = None):
+        self._config, self._clock_hz, self._started = (
+            config,
+            clock_hz or config.hardware.clock_hz,
+            plan is not None,
+        )
+        plan = plan or converter_plan(config, self._clock_hz)
         self.converter = COMPONENTS[type(plan)](plan, config.sensor.taxels)
         super().__init__(
             inputs("run")
@@ -76,22 +85,30 @@ class Acquisition(wiring.Component):
                 fault=FAULT_BITS,
                 pins=self.converter.pins.signature,
             )
+            | (outputs("resting") if self._started else {})
         )
 
     def elaborate(self, platform):
         m = Module()
         config = self._config
         m.submodules.converter = converter = self.converter
-        m.submodules.clock = clock = SampleClock(*sample_clock(self._clock_hz, config.sensor.scan_rate_hz))
+        tick = self.run
+        if self._started:
+            m.d.comb += self.resting.eq(~converter.busy & ~converter.away)
+        else:
+            m.submodules.clock = clock = SampleClock(
+                *sample_clock(self._clock_hz, config.sensor.scan_rate_hz)
+            )
+            forward(m, self, clock, "run")
+            tick = clock.tick
         m.submodules.narrower = narrower = SampleNarrower(config)
         m.submodules.guard = guard = FrameGuard(config)
         forward(m, self, converter, "pins")
         forward(m, self, guard, "o", "handing")
-        forward(m, self, clock, "run")
-        missed = clock.tick & converter.busy & ~converter.away
+        missed = tick & converter.busy & ~converter.away
         m.d.comb += [
-            converter.start.eq(clock.tick),
-            self.sampling.eq(clock.tick & ~converter.busy & ~converter.away),
+            converter.start.eq(tick),
+            self.sampling.eq(tick & ~converter.busy & ~converter.away),
             narrower.code.eq(converter.put.code),
         ]
         drive(m, guard.put, valid=converter.put.valid, place=converter.put.place, sample=narrower.sample)

@@ -1,6 +1,8 @@
 """The accelerator behind a converter: pins in, decisions out (docs/specification_interfaces.md section 12). Wiring, and
 the effect of a broken frame."""
 
+from typing import Any
+
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 
@@ -21,13 +23,15 @@ class Sensing(wiring.Component):
 
     Parameters
     ----------
-    images, clock_hz, fed_by:
+    images, clock_hz, fed_by, plan:
         As for `Accelerator` and `Acquisition`.
 
     Members
     -------
     run : In(1)
         As of `Acquisition`.
+    resting : Out(1), only with a ``plan``
+        Nothing moves, neither at the converter nor in the chain.
     o : Out(stream of decision_layout), bus : In, busy : Out(1), probe : Out
         As of `Accelerator`. The bus keeps its right of way: an ARM waits for a cycle without an access, and
         for the frame that is being forwarded.
@@ -50,8 +54,9 @@ class Sensing(wiring.Component):
         *,
         clock_hz: float | None = None,
         fed_by: FedBy | None = None,
+        plan: Any = None,
     ):
-        self.acquisition = Acquisition(config, clock_hz)
+        self.acquisition, self._started = Acquisition(config, clock_hz, plan), plan is not None
         self.accelerator = Accelerator(config, images, fed_by)
         frame = struct("valid", "ready", payload=sample_layout(config))
         super().__init__(
@@ -67,6 +72,7 @@ class Sensing(wiring.Component):
                 sampling=1,
                 pins=self.acquisition.pins.signature,
             )
+            | (outputs("resting") if self._started else {})
         )
 
     def elaborate(self, platform):
@@ -95,5 +101,7 @@ class Sensing(wiring.Component):
         drive(
             m, self.frame, valid=acquisition.o.valid, ready=acquisition.o.ready, payload=acquisition.o.payload
         )
+        if self._started:
+            m.d.comb += self.resting.eq(acquisition.resting & ~self.busy)
         m.d.sync += broken.eq((broken | acquisition.broken) & ~arm)
         return m

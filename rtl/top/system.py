@@ -101,6 +101,8 @@ class System(wiring.Component):
         Baud rate of the link.
     class_pins:
         As of `ClassPins`.
+    plan:
+        Without a host: scans are started from outside, and the converter is read by this plan (`Sensing`).
 
     Members
     -------
@@ -121,6 +123,8 @@ class System(wiring.Component):
         watchdog acted, since reset.
     pins : Out, only with a converter
         The converter's.
+    scan : In(1), resting : Out(1), only with a ``plan``
+        One cycle: a scan begins; nothing moves.
     stim_tx : Out(1), only with a converter and a stimulator
         Its line, 115200 baud.
 
@@ -142,12 +146,13 @@ class System(wiring.Component):
         clock_hz: float | None = None,
         baud: float = BAUD,
         class_pins: ClassPins = "each",
+        plan: Any = None,
     ):
         self._config, self._clock_hz = config, clock_hz or config.hardware.clock_hz
         if source is None:
             by_host: Source = "host" if host else "stream"
             source = by_host if config.interface.converter.name == "none" else "converter"
-        self._source, self._class_pins = source, class_pins
+        self._source, self._class_pins, self._started = source, class_pins, plan is not None
         self._parts: Record = {}  # of the host; the last one has its bus
         fed_by: FedBy | None = None
         if host == "link":
@@ -162,7 +167,8 @@ class System(wiring.Component):
             ports = outputs(decision=class_pin_count(config, class_pins), decision_valid=1, led=1)
             ports |= outputs("unsure") if config.network.margin_threshold else {}
         if source == "converter":
-            self.core = Sensing(config, images, clock_hz=clock_hz, fed_by=fed_by)
+            self.core = Sensing(config, images, clock_hz=clock_hz, fed_by=fed_by, plan=plan)
+            ports |= inputs("scan") | outputs("resting") if self._started else {}
             ports |= outputs(pins=self.core.pins.signature)
             ports |= {"stim_tx": Out(1, init=1)} if config.interface.stimulator != "none" else {}
         else:
@@ -247,6 +253,9 @@ class System(wiring.Component):
             watching = core.accelerator.watching
             hung: Value = Const(0, 1) if watching is None else watching.hung
             begun: Value = Const(1, 1) if registers is None else registers.armed
+            if self._started:
+                begun = self.scan
+                m.d.comb += self.resting.eq(core.resting)
             m.d.comb += [core.run.eq(begun), wrong.eq(broken | core.fault.any() | hung)]
             m.d.sync += self.led.eq(self.led | wrong)
             if registers is not None:
