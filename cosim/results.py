@@ -50,6 +50,17 @@ class Conversion(Result):
     violations: Sum
 
 
+class Oscillator(Result):
+    """A fast oscillator that runs for each scan: on for ``fast_on_s`` of ``seconds``, the share ``duty``; turned on
+    ``starts`` times, in which the converter was read ``scans`` times."""
+
+    fast_on_s: Annotated[float, operator.add]
+    seconds: Annotated[float, operator.add]
+    duty: float
+    scans: Sum
+    starts: Sum
+
+
 class Answer(Result):
     """The answer of whoever played recordings: a bench in its simulator, or `eskin.cosim.bulk`.
 
@@ -71,6 +82,7 @@ class Answer(Result):
     probe: bool
     wall_s: Annotated[float, operator.add] = 0
     conversion: Conversion | None = None
+    oscillator: Oscillator | None = None
 
     @classmethod
     def of(cls, board: Scoreboard, *, frame_max: int, **counts: int) -> Self:
@@ -177,6 +189,8 @@ def joined(config: AcceleratorConfig, parts: Sequence[Part]) -> Played:
     # an expectation without a touch of a whole window never compared the network
     words = ["gave up"] * bool(whole.gave_up) + ["differs"] * (not exact)
     converter, placed = whole.conversion, whole.without_probes
+    if whole.oscillator:
+        whole.oscillator.duty = whole.oscillator.fast_on_s / whole.oscillator.seconds
     own = whole.model_dump(exclude_unset=True, include={*Part.model_fields})
     return Played(
         **own | {"wall_s": round(whole.wall_s, 3)},

@@ -39,6 +39,8 @@ class Simulation:
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
         recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
         come at the declared rate, by the design's own sample clock.
+    standalone:
+        The netlist of a board without a host, on its part's own oscillators, from power-on (`eskin.cosim.standalone`).
     bench:
         Of many recordings, ``cocotb``: all are played under cocotb; ``sample``: one of each class, and the others in bulk
         where that can be.
@@ -63,6 +65,7 @@ class Simulation:
     liberty: list[Path] | None = None
     rom: bool = False
     converter: str | None = None
+    standalone: bool = False
     bench: str = "sample"
     hardware: Hardware | None = None
     builds: Path = Path("build/simulators")

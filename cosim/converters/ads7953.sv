@@ -34,7 +34,7 @@ module converter #(
         if (rose != 0 && ps(rose) < 40000) violations = violations + 1;      // CS high between frames
         fell = $time / 10;
         out = {multiplexer, analog[32*multiplexer +: 12]};                    // sampled when the frame begins
-        if (!asleep && woke != 0 && ps(woke) < 1000000) violations = violations + 1;
+        if (!asleep && !invalid && woke != 0 && ps(woke) < 1000000) violations = violations + 1;
         if (asleep || invalid) out = $random;
         if (!asleep) invalid = 1'b0;
         multiplexer = fault == 3 ? multiplexer : wanted;                      // and the next channel is switched in during it

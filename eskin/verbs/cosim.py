@@ -14,6 +14,7 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,7 +33,7 @@ from eskin.cli.common import (
     recordings_for,
     show,
 )
-from eskin.cosim import flow
+from eskin.cosim import flow, standalone
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.results import Placed, Played, joined
 from eskin.cosim.simulation import Simulation
@@ -41,6 +42,7 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
+    completing_frames,
     images_of,
     run,
     through_converter,
@@ -53,9 +55,10 @@ from eskin.rtl.asic.liberty import text_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top import standby
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import asic
-from eskin.verbs.build import cached_netlist, with_converter
+from eskin.verbs.build import BuildRequest, cached_netlist, suited, with_converter
 
 
 class CosimRequest(Simulation, ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
@@ -73,6 +76,9 @@ class CosimRequest(Simulation, ModelDataOptions, LaneOptions, JsonOptions, Clust
     rom: bool = option("Chip: weights and constants are in ROM.", False, "--rom")
     converter: str | None = option(
         "Play frames to the pins of this converter; none: to the core.", metavar="NAME"
+    )
+    standalone: bool = option(
+        "The netlist of build --standalone, on its own oscillators.", False, "--standalone"
     )
     pace: Literal["full", "declared"] = option(
         "full: as fast as possible; declared: at the recordings' rate.", "full"
@@ -140,6 +146,8 @@ def cosimulate(
         A converter together with a netlist or with stalls; a netlist without a target, a target without a
         netlist, an unknown one.
     """
+    if how.standalone:
+        return _cosimulate_standalone(model, recordings, how, work=work, numbers=numbers, progress=progress)
     chip, config = how.chip, with_converter(model.config, how.converter, how.clock_hz)
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
@@ -175,6 +183,67 @@ def cosimulate(
         result.without_probes = Placed(**second.model_dump(include={*Placed.model_fields}), cells=cells)
         result.passed &= second.bit_exact
     return result
+
+
+def _cosimulate_standalone(
+    model: IntegerModel,
+    recordings: Recordings,
+    how: Simulation,
+    *,
+    work: Path,
+    numbers: Sequence[int] | None,
+    progress: Progress,
+) -> Played:
+    """The netlist that ``build --standalone`` places against what the pins are to show."""
+    from eskin.golden.model import torch_model
+
+    if how.simulator != "verilator" or how.stalls or how.pdk or how.target == "asic":
+        raise InputError(
+            "`standalone`: plays a board's netlist in verilator; leave out `simulator`, `stalls` and a chip's options"
+        )
+    target = find_target(how.target or "icebreaker")
+    config = suited(with_converter(model.config, how.converter), target)
+    request = BuildRequest(
+        config=config, arrays=model.arrays, target=target, standalone=True, clock_hz=how.clock_hz
+    )
+    wiring = request.wiring()
+    if not wiring.standby or config.interface.converter.name == "mpr121":
+        why = request.awake or "the model of the mpr121 has no open-drain pins"
+        raise InputError(f"`standalone`: {why}; leave it out, or use another board, converter or clock")
+    config = wiring.config
+    images = memory_images(config, model.arrays)
+    netlist, _ = cached_netlist(
+        lambda: wiring.design(images, request.wanted_hz, None), target.family, BUILD / "netlists", keep=[]
+    )
+    board = standalone.Board(
+        config=config,
+        hardware=netlist_hardware(
+            netlist.verilog, target.family.name, target.name, probes=False, oscillators=False
+        ),
+        clock_hz=request.wanted_hz,
+        slow_hz=standby.SLOW_HZ,
+        tolerance=standby.TOLERANCE,
+        start_s=standby.START_S,
+        turn_cycles=standby.work_cycles(config, request.wanted_hz),
+    )
+    model = dataclasses.replace(model, config=config)
+    recordings, codes = through_converter(recordings.scanned(config.sensor.scan_every), config)
+    progress(f"computing what is expected of {len(recordings)} in torch", 0, 0)
+    trace = run(torch_model.on_torch(model), recordings)
+    rows, offsets = trace.streams["decision"]
+    frames, counts = completing_frames(trace), np.diff(recordings.offsets)
+    shown = [
+        standalone.shown_on_pins(config, rows[low:high], frames[low:high], count)
+        for (low, high), count in zip(pairwise(offsets), counts, strict=True)
+    ]
+    expected = {
+        "codes": codes,
+        "shown": np.array([pins for each, _ in shown for pins in each]),
+        "decided": np.array([count for _, each in shown for count in each]),
+        "offsets": recordings.offsets,
+        "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers),
+    }
+    return standalone.play(board, expected, how, work=work / "run", progress=progress)
 
 
 @contextlib.contextmanager
@@ -299,7 +368,7 @@ def cosimulate_parts(
     recordings, numbers = recordings.subset(order), [int(numbers[place]) for place in order]
     config = with_converter(model.config, how.converter, how.clock_hz)
     apart = how.bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
-    apart = apart or bool(how.stalls or (how.target and not chip))
+    apart = apart or bool(how.stalls or how.standalone or (how.target and not chip))
     size = PART[how.simulator] if apart or how.simulator != "verilator" else IN_BULK
     content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(how))
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
