@@ -251,6 +251,7 @@ def hello(
         "classes": list(network.class_names),
         "steps": config.windows.steps,
         "spans": [[every * (first - 1) + 1, every * last] for first, last in config.window_spans],
+        "follows": config.follows_touch,
         "decision": network.decision,
         "unit": {
             "feature": 2**formats.feature_format.frac_bits,

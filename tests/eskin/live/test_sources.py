@@ -9,7 +9,7 @@ import pytest
 from eskin.cosim.device import Accelerator, Design
 from eskin.golden.model import Stream, run
 from eskin.live.serial_port import SerialPort
-from eskin.live.sources import SimulationSource
+from eskin.live.sources import ModelSource, SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.training.made_up import random_recordings
@@ -66,6 +66,17 @@ class Twin:
             brought.setdefault("decision", []).extend(word)
         spoiled = {stage: self.spoil(self.stream.frame, stage, values) for stage, values in brought.items()}
         return {stage: values for stage, values in spoiled.items() if values}
+
+
+def test_windows_that_follow_the_touch_come_when_it_ends(recordings):
+    """The onset is shown at once, no step before the touch's last frame, and then all of them."""
+    config = CONFIG.replace(window_mode="whole", window=8, pretrigger_frames=0, touch_frames=200)
+    source, samples = ModelSource(random_integer_model(config, 5)), recordings.recording(0)
+    source.arm()
+    frames = [source.take(samples[at : at + 1]) for at in range(len(samples))] + [source.finish()]
+    kinds = [[type(event).__name__ for event in events] for events in frames]
+    touches = [events for events in kinds if events]
+    assert touches == [["Onset"], ["Step"] * config.windows.steps + ["Decided"]] * (len(touches) // 2) != []
 
 
 def expected_values(streams) -> int:
