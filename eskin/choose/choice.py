@@ -604,7 +604,7 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
 
 def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list[str]:
     """A sentence about recordings that end before the last window."""
-    if not count:
+    if not count or config.follows_touch:
         return []
     return [
         f"{count} of {recordings} recordings end before the last window, {config.touch_s:.3g} s after the first begins, "

@@ -631,7 +631,8 @@ def whole(at: AcceleratorConfig, longest: int) -> list[AcceleratorConfig]:
         # a touch ends after at least a hop of quiet frames
         hop = max(min(frames // (steps * sums * UNDOUBLED), at.onset_rule.rearm_frames), 1)
         windows = dict(hop=hop, window=2 * hop, steps=steps, store_per_window=sums, pretrigger_frames=0)
-        length = dict(touch_frames=max(frames, hop * steps), activity_block=1)
+        # a frame more, so that no touch of the recordings is cut
+        length = dict(touch_frames=max(min(frames + 1, 65535), hop * steps), activity_block=1)
         found.append(valid(at, window_mode="whole", feature_kinds=("mean",), **windows, **length))
     return [config for config in found if config]
 
