@@ -112,6 +112,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "scanned", "following", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "following", "image")),
+    "export --exact": ("export {model} --to onnx --exact --out {out}/onnx", ("early", "following")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear",)),
@@ -182,8 +183,16 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image", "chosen")),
         "field readout: is 'dense', which cannot be taught",
     ),
-    (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
-    (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),
+    (
+        ("export --to onnx", "export --exact"),
+        ("image",),
+        "is a network for images, which export --to onnx does not take",
+    ),
+    (
+        ("export --to onnx", "export --exact"),
+        ("prototypes",),
+        "field readout: is 'prototypes', which ONNX does not have",
+    ),
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
     (("import onnx",), ("prototypes", "image"), "--config: is missing"),
     (

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -18,17 +19,14 @@ ORDERS = {"GRU": ("z", "r", "n"), "LSTM": ("i", "o", "f", "g")}
 """Gates in the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
 
 
-def onnx_model(model: FloatModel) -> onnx.ModelProto:
-    """Input ``features`` (batch, K, D), normalised as `FloatModel.features` gives them; output ``logits``
-    (batch, K, C) of every step, of a linear cell (batch, C) of the last. Configuration and normalisation
-    stand in the file's metadata.
+def check_exportable(config: AcceleratorConfig) -> None:
+    """Refuse what ONNX does not take.
 
     Raises
     ------
     InputError
         A network for images, or a readout that is not a dense layer.
     """
-    config, arrays = model.config, model.arrays
     if config.is_image:
         raise InputError(
             f"model '{config.name}': is a network for images, which export --to onnx does not take; use --to c"
@@ -38,6 +36,20 @@ def onnx_model(model: FloatModel) -> onnx.ModelProto:
             f"configuration '{config.name}', field readout: is 'prototypes', which ONNX does not have; export a "
             "model with readout 'dense'"
         )
+
+
+def onnx_model(model: FloatModel) -> onnx.ModelProto:
+    """Input ``features`` (batch, K, D), normalised as `FloatModel.features` gives them; output ``logits``
+    (batch, K, C) of every step, of a linear cell (batch, C) of the last. Configuration and normalisation
+    stand in the file's metadata.
+
+    Raises
+    ------
+    InputError
+        As `check_exportable`.
+    """
+    config, arrays = model.config, model.arrays
+    check_exportable(config)
     recurrent, steps = config.recurrent, config.windows.steps
     constants = _constants(model)
     dims = f"batch, {steps}, {config.classes}" if recurrent else f"batch, {config.classes}"
@@ -108,11 +120,17 @@ def write_onnx(model: FloatModel, path: Path) -> Path:
     return path
 
 
-def largest_difference(model: FloatModel, path: Path, features: np.ndarray) -> float:
-    """Between onnxruntime's logits of ``features`` (n, K, D) and the model's, at most."""
+def session(path: Path) -> Any:
+    """onnxruntime, with the file, on this processor."""
     import onnxruntime
 
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    (made,) = session.run(["logits"], {"features": features.astype(np.float32)})
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors: it warns of inputs that may be left out
+    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+
+def largest_difference(model: FloatModel, path: Path, features: np.ndarray) -> float:
+    """Between onnxruntime's logits of ``features`` (n, K, D) and the model's, at most."""
+    (made,) = session(path).run(["logits"], {"features": features.astype(np.float32)})
     logits = model.forward(features)[1]
     return float(np.abs(made - (logits if model.config.recurrent else logits[:, -1])).max(initial=0.0))

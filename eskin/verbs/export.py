@@ -1,6 +1,6 @@
 """Write a model for other tools, with a check.
 
-Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net
+Example: eskin export model --to c --out controller, or eskin export model --to onnx --exact --out net
 """
 
 from pathlib import Path
@@ -29,17 +29,21 @@ class ExportRequest(ModelOptions):
     to: Literal["c", "onnx"] = required("c: integer model as C99; onnx: float network.")
     out: Path = required("Folder to write: new, or an earlier export to replace.")
     prefix: str | None = option("C: prefix of all names. Default: eskin.")
+    exact: bool = option("ONNX: the integer network, to the last bit.", False, "--exact")
 
 
 def command(request: ExportRequest) -> Record:
+    if request.exact and request.to == "c":
+        raise InputError("--exact: belongs to --to onnx, and C is exact without it; leave it out")
     if request.to == "c":
         prefix = PREFIX if request.prefix is None else request.prefix
         result = export_c(integer_model(request.model), request.out, prefix=prefix)
+    elif request.prefix is not None:
+        raise InputError("--prefix: belongs to --to c; leave it out")
+    elif request.exact:
+        result = export_exact(integer_model(request.model), request.out)
     else:
-        model = FloatModel.load(request.model, images=True)
-        if request.prefix is not None:
-            raise InputError("--prefix: belongs to --to c; leave it out")
-        result = export_onnx(model, request.out)
+        result = export_onnx(FloatModel.load(request.model, images=True), request.out)
     show("export", to=request.to, **result)
     return result
 
@@ -103,6 +107,42 @@ def export_onnx(model: FloatModel, out: Path) -> Record:
         "difference": difference,
         "limit": limit,
         "passed": difference <= limit,
+    }
+
+
+def export_exact(model: IntegerModel, out: Path) -> Record:
+    """Write the integer network as ONNX into ``out``, new or an earlier exported folder: a whole touch, a step, and
+    inputs with all that the golden model makes of them. Compare what onnxruntime makes of them.
+
+    Returns
+    -------
+    dict
+        file, step_file, vectors, parameters, touches (with random features, some cut short), values (compared),
+        different, passed.
+    """
+    from eskin.exchange import exact_onnx
+
+    check_folder(out, ONNX_FILE)
+    config, rng = model.config, np.random.default_rng(1)
+    files = {ONNX_FILE: exact_onnx.touch_graph(model), exact_onnx.STEP_FILE: exact_onnx.step_graph(model)}
+    features = config.formats.feature_format.quantise(
+        rng.normal(size=(100, config.windows.steps, config.inputs))
+    )
+    vectors = exact_onnx.expected(model, features, rng.integers(0, config.windows.steps, 100, endpoint=True))
+    with replacing_folder(out) as folder:
+        for name, graph in files.items():
+            (folder / name).write_bytes(graph.SerializeToString())
+        np.savez(folder / exact_onnx.VECTORS_FILE, allow_pickle=False, **vectors)
+        values, different = exact_onnx.differences(folder, vectors)
+    return {
+        "file": str(out / ONNX_FILE),
+        "step_file": str(out / exact_onnx.STEP_FILE),
+        "vectors": str(out / exact_onnx.VECTORS_FILE),
+        "parameters": config.parameter_count,
+        "touches": len(features),
+        "values": values,
+        "different": different,
+        "passed": not different,
     }
 
 

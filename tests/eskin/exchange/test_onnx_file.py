@@ -15,13 +15,15 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from eskin.data import load_recordings
+from eskin.exchange.exact_onnx import STEP_FILE, TOUCH_FILE, differences, expected
 from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features
+from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features, run
+from eskin.verbs.export import export_exact
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
-from tests.support.random_models import random_float_model
+from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
 from tests.support.torch_networks import Network
@@ -79,6 +81,55 @@ def test_a_hundred_recordings_through_onnxruntime(name, kind, shared_data, tmp_p
     difference = largest_difference(model, write_onnx(model, tmp_path / "net.onnx"), features)
     # a linear cell's logits are sums over all windows, hundreds here
     assert len(features) >= 100 and difference < (1e-5 if config.recurrent else 1e-4)
+
+
+EXACT = {
+    "vote": {},
+    "early, after": {"reset": "after", "decision": "early", "early_steps": 3, "early_margin": 64, **WIDE},
+    "last, lstm": {"cell": "lstm", "decision": "last", "margin_threshold": 200, **WIDE},
+    "linear": CELLS["linear"],
+    "linear, one set": CELLS["linear, one set"],
+}
+
+
+@pytest.mark.parametrize("kind", EXACT)
+def test_the_exact_network_is_golden_and_every_rounding_counts(kind, tmp_path):
+    model = random_integer_model(CONFIG.replace(**EXACT[kind]), 1)
+    made = export_exact(model, tmp_path / "net")
+    assert made["passed"] and made["values"] > 100 * 5 * 3
+    with np.load(tmp_path / "net/vectors.npz") as vectors:
+        vectors = dict(vectors)
+    assert {-1, 0} < {*vectors["cls"].tolist()} and len({*vectors["step"].tolist()}) > 3
+    if "margin_threshold" in EXACT[kind]:
+        assert {*vectors["unsure"][vectors["cls"] >= 0].tolist()} == {False, True}
+    for name, broken in ((TOUCH_FILE, slice(-1, None)), (STEP_FILE, slice(None))):
+        file = tmp_path / "net" / name
+        sound = file.read_bytes()
+        places = [n for n, node in enumerate(onnx.load_model(file).graph.node) if node.op_type == "Floor"]
+        for place in places[broken]:
+            made = onnx.load_model_from_string(sound)
+            made.graph.node[place].op_type = "Ceil"
+            file.write_bytes(made.SerializeToString())
+            assert differences(tmp_path / "net", vectors)[1], (name, made.graph.node[place].output)
+        file.write_bytes(sound)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind", ["linear, all kinds", "GRU, reset before", "GRU, reset after", "LSTM", "GRU, early"]
+)
+@pytest.mark.parametrize("name", ["pvdf", "biotac"])
+def test_every_recording_decides_the_same_in_onnxruntime(name, kind, shared_data, tmp_path):
+    recordings = load_recordings(next(shared_data.glob(f"{name}*/recordings.npz")))
+    config = model_on(front_end(name, recordings), kind).config
+    for seed in (1, 2, 3):
+        model = random_integer_model(config, seed)
+        trace = run(model, recordings)
+        assert export_exact(model, tmp_path / "net")["passed"]
+        vectors = expected(model, trace.features, trace.touches.completed)
+        assert (vectors["cls"] == trace.global_decision).all() and (vectors["unsure"] == trace.unsure).all()
+        values, different = differences(tmp_path / "net", vectors)
+        assert different == 0 and values > len(recordings)
 
 
 class Net(Network):
