@@ -148,13 +148,13 @@ class _Graph:
         if network.decision == "early":
             first, enough = network.early_steps - 1, self("GreaterOrEqual", margin, network.early_margin)
             part = lambda values, late: self("Slice", values, [late], [steps - first + late], [1])
-            held = part(enough, first)
+            agree = part(enough, first)
             for late in range(first):
                 alike = self("Equal", part(local, late), part(local, first))
-                held = self("And", held, self("And", alike, part(enough, late)))
-            held = self("Cast", held, to=TensorProto.INT32)
-            early = self("Add", self("ArgMax", held, axis=1, keepdims=0), first)
-            is_early = self("Cast", self("ReduceMax", held, axes=[1], keepdims=0), to=BOOL)
+                agree = self("And", agree, self("And", alike, part(enough, late)))
+            agree = self("Cast", agree, to=TensorProto.INT32)
+            early = self("Add", self("ArgMax", agree, axis=1, keepdims=0), first)
+            is_early = self("Cast", self("ReduceMax", agree, axes=[1], keepdims=0), to=BOOL)
             step = self("Where", is_early, early, step)
         if network.decision == "vote":
             chosen = self("Equal", self("Unsqueeze", local, [2]), [*range(self.config.classes)])
