@@ -157,7 +157,8 @@ class Recordings:
         InputError
             The arrays break a rule of recordings archives.
         """
-        parts = _parts(arrays, source, 0 if labels is None else np.size(labels))
+        given = None if labels is None else array_of(labels, f"{source}, labels")
+        parts = _parts(arrays, source, 0 if given is None else given.size)
         for number, part in enumerate(parts):
             if part.ndim not in (1, 2, 3) or part.shape[1:] != parts[0].shape[1:] or not len(part):
                 shape = f"(frames, {parts[0].shape[1]})" if parts[0].ndim == 2 else "(frames, taxels)"
@@ -170,9 +171,7 @@ class Recordings:
                     f"{source}: array {number} holds {part.dtype}, not numbers; give A/D codes as integers, "
                     "or real samples as floats"
                 )
-        labels = (
-            np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
-        )
+        labels = np.zeros(len(parts), dtype=np.int64) if given is None else given
         if labels.dtype.kind == "O" and all(isinstance(label, str) for label in labels.ravel()):
             labels = labels.astype(np.str_)  # as pandas has text
         if class_names is None and labels.dtype.kind not in "US":
