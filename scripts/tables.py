@@ -44,6 +44,7 @@ from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.study.energy import CR2032_J, DAY_S
 from eskin.verbs.build import BuildRequest, build
 from eskin.verbs.run_job import CODE
 from scripts import ROOT
@@ -140,6 +141,8 @@ def run_figures(folder: Path, run: Record) -> Record:
         "new, float": percent(split["nested"]["float_accuracy"]),
         "front end": chosen["front_end_words"].replace("|", "\\|"),
         "energy of a touch": f"{1e6 * chosen['energy_touch_j']:.2f} uJ",
+        "average power": f"{1e6 * chosen['average_w']:.0f} uW",
+        "CR2032": f"{CR2032_J / chosen['average_w'] / DAY_S:.0f} days",
         "cells": chosen["cells"],
         "block memories": chosen["block_memories"],
         "onset to decision": f"{chosen['decision_time_s']:.2f} s",
@@ -227,7 +230,7 @@ TABLES: dict[str, Any] = {
 }
 """Of each table the rows of a name, its names, its columns."""
 NETWORK = ("recordings", "left out in turn", "network", "accuracy on new ones")
-COST = ("energy of a touch", "last sample to decision")
+COST = ("energy of a touch", "average power", "CR2032", "last sample to decision")
 PAGES: dict[str, tuple[str, ...]] = {
     "README.md": (*NETWORK, *COST, "hardware equals model"),
     "docs/results.md": (*NETWORK, "new, float", "own folds", "standard error", *COST),

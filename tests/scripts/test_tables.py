@@ -61,7 +61,7 @@ def test_results_of_this_code_alone_fill_the_tables_of_every_page(tmp_path):
     candidate = dict(
         cell="gru", hidden=4, recipe="onset", chosen=True, front_end_words="a|b", energy_touch_j=1.234e-6
     )
-    candidate |= dict(decision_time_s=0.5, cells=900, block_memories=9)
+    candidate |= dict(average_w=785e-6, decision_time_s=0.5, cells=900, block_memories=9)
     file.write_text(json.dumps(result | {"code": tables.CODE(), "candidates": [candidate]}))
     training = json.loads((tmp_path / "model/training.json").read_text())
     nested = dict(integer_accuracy=0.8712, float_accuracy=0.8823, standard_error=0.0345)
@@ -75,7 +75,9 @@ def test_results_of_this_code_alone_fill_the_tables_of_every_page(tmp_path):
     heads = [line.split(",")[0].strip() for line in lines if "commit" in line]
     assert heads == [*tables.PAGES, "docs/enrolment.md", "docs/results.md"]
     rows = [line.split(" | ") for line in lines if line.startswith("| made-up")]
-    assert rows[0][2:5] == ["GRU 4", "87.1 %", "1.23 uJ"] and set(rows[0][2:-1]) <= set(rows[2])
+    assert rows[0][2:7] == ["GRU 4", "87.1 %", "1.23 uJ", "785 uW", "36 days"] and set(rows[0][2:-1]) <= set(
+        rows[2]
+    )
     assert (
         "| few | dense | 1 | 77.0 % | 95.3 % |" in lines
         and "| few | 82.3 % | seq | GRU 12 | True | 10920 |" in lines
