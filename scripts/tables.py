@@ -124,6 +124,7 @@ def run_figures(folder: Path, run: Record) -> Record:
     played, paced = (Played.model_validate_json((folder / file).read_text()) for file in ("cosim.json", pace))
     split, source = training["cross_validation"][0], Path(run["data"]["source"])
     chosen = next(row for row in run["candidates"] if row["chosen"])
+    late = paced.cycles.decision_latency_max
     figures = {
         "recordings": f"{source.parent.name or source}, {run['data']['recordings']}",
         "left out in turn": ", ".join(split["groups"]) or "recordings",
@@ -132,7 +133,9 @@ def run_figures(folder: Path, run: Record) -> Record:
         "standard error": percent(split.get("nested", chosen)["standard_error"]),
         "agreement": percent(split["agreement"]),
         "hardware equals model": f"{verdict(played)}, {count(played.compared_values)} values",
-        "last sample to decision": f"{1e6 * (paced.cycles.decision_latency_max or 0) / paced.clock_hz:.3g} us",
+        "last sample to decision": "not measured"
+        if late is None
+        else f"{1e6 * late / paced.clock_hz:.3g} us",
     }
     if run.get("images"):
         return figures
