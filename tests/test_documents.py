@@ -74,7 +74,7 @@ def prose(path: Path) -> str:
 def test_the_pages_are_short():
     """A command writes the page of figures, and the specification is as long as the design needs."""
     words = {path.stem: len(path.read_text().split()) for path in PAGES if path.stem != "figures"}
-    assert sum(words.values()) <= 32_000
+    assert sum(words.values()) <= 32_400  # section 19 of the specification and the power of a board added 400
     assert all(count <= 2500 or page.startswith("specification") for page, count in words.items())
     assert len((ROOT / "README.md").read_text().splitlines()) <= 130
 
@@ -114,7 +114,7 @@ def test_files_that_are_named_are_there(path):
 
 
 def test_pages_quote_one_result():
-    """Of each run accuracy, energy and latency are the same on the page of results, and of figures."""
+    """Of each run accuracy, energy, power and latency are the same on the page of results, and of figures."""
 
     def rows(page: str) -> list[list[str]]:
         table = r"^\| recordings \| left out.*\n\| ---.*\n((?:\|.*\n)+)"
@@ -122,8 +122,8 @@ def test_pages_quote_one_result():
         return [re.split(r" +\| +", line.strip("| ")) for line in found[1].splitlines()]
 
     for page in (rows("docs/results.md"), rows("docs/figures.md")):
-        for *_, accuracy, energy, latency, verdict in rows("README.md"):
-            quoted = {accuracy, energy, latency}
+        for *_, accuracy, energy, power, _, latency, verdict in rows("README.md"):
+            quoted = {accuracy, energy, power, latency}
             assert any(quoted <= set(row) for row in page), verdict
 
 
