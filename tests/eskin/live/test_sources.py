@@ -77,6 +77,8 @@ def test_windows_that_follow_the_touch_come_when_it_ends(recordings):
     kinds = [[type(event).__name__ for event in events] for events in frames]
     touches = [events for events in kinds if events]
     assert touches == [["Onset"], ["Step"] * config.windows.steps + ["Decided"]] * (len(touches) // 2) != []
+    for at, events in enumerate(frames[:-1], 1):
+        assert all(event.frame == at for event in events)
 
 
 def expected_values(streams) -> int:
