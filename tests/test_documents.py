@@ -329,7 +329,6 @@ def test_every_page_is_in_the_navigation_once():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 def test_the_site_is_built_and_fetches_nothing(tmp_path):
     shutil.rmtree(ROOT / "build" / "docs_source", ignore_errors=True)  # as on a fresh clone
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]

@@ -47,7 +47,6 @@ LONG_ONES = (
 )
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     "title", [pytest.param(title, marks=pytest.mark.slow if title in LONG_ONES else ()) for title in FAILED]
 )

@@ -177,16 +177,12 @@ class ScoredCandidate:
     @cached_property
     def figures(self) -> dict[str, list[Record]]:
         """{mode, figure, bound, held} under each disturbance, as of `Panel.figures`."""
-        if (
-            self.stress is None
-            or self.wrong is None
-            or self.stressed is None
-            or np.isnan(self.stressed).all()
-        ):
+        stressed = self.stressed
+        if self.stress is None or self.wrong is None or stressed is None or np.isnan(stressed).all():
             return {"stress": [], "gate_modes": []}
-        told = ~np.isnan(self.stressed)  # the bounds refer to the accuracy on the same recordings
+        told = ~np.isnan(stressed)  # the bounds refer to the accuracy on the same recordings
         cases = self.stress.cases(self.config, self.wrong)
-        return self.stress.figures(cases, mean_told(np.where(told, self.correct, np.nan)) or 0.0)
+        return self.stress.figures(cases, float(self.correct[told].mean()))
 
     @property
     def beyond(self) -> int:

@@ -238,10 +238,16 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
 
     Front ends that end within SHORTER of the longest one have to be more than CLIMBS standard errors behind
     the best. Front ends that scan less often are left out: their rest level takes longer to settle, so their
-    touches may begin later.
+    touches may begin later; so are windows that divide the touch, which end where it does.
     """
     best, correct = screened[0]
-    screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]
+    if best.follows_touch:
+        return []
+    screened = [
+        row
+        for row in screened
+        if row[0].sensor.scan_every <= best.sensor.scan_every and not row[0].follows_touch
+    ]
     longest = max(config.touch_s for config, _ in screened)
     brief = [(config, row) for config, row in screened if config.touch_s <= SHORTER * longest]
     if best.touch_s <= SHORTER * longest or not brief or correct.mean() >= ENOUGH:

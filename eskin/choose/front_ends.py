@@ -225,10 +225,12 @@ def screened(config: AcceleratorConfig, learner: RidgeLearner, tests: Sequence[R
 
 
 class Screen:
-    """Features of front ends on one set of recordings; the touches of a gate are found once."""
+    """Features of front ends on one set of recordings; the touches of a gate are found once. longest: frames of the
+    longest recording, of an archive of which these are a sample."""
 
-    def __init__(self, recordings: Recordings) -> None:
+    def __init__(self, recordings: Recordings, longest: int | None = None) -> None:
         self.recordings = recordings
+        self.longest = longest or int(recordings.lengths.max())
         self._touches: dict[AcceleratorConfig, FirstTouches] = {}
         self._quarters: dict[AcceleratorConfig, np.ndarray] = {}
 
@@ -356,8 +358,7 @@ class FrontEnds:
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)
-        self.longest = int(recordings.lengths.max())
-        self.screen = Screen(self.recordings)
+        self.screen = Screen(self.recordings, int(recordings.lengths.max()))
         self.progress = progress or (lambda what, done, total: None)
         self._grams: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -464,7 +465,7 @@ def kinds_of_feature(search: FrontEndSearch) -> Request:
 
 def windows_of_the_touch(search: FrontEndSearch) -> Request:
     """Means of windows that divide the whole touch, on the best SURVIVORS gates."""
-    longest = search.front_ends.longest
+    longest = search.front_ends.screen.longest
     gates: dict[Any, AcceleratorConfig] = {}
     for scored in search.ranked(search.near()):
         at = scored.candidate.front_end

@@ -137,13 +137,13 @@ class Hardening:
         denser = [config]
         denser += self.denser(config)
         denser += [on for twice in denser[1:] for on in self.denser(twice)]
-        found, longest = list[AcceleratorConfig](), int(self.screen.recordings.lengths.max())
+        found = list[AcceleratorConfig]()
         for base in denser:
             if base.opens_at_once:
                 settle = settling_frames(self.screen.recordings.sample_rate_hz / base.sensor.scan_every)
                 level = dict(rest="initial", rest_frames=settle) if base.rest_level.rest == "none" else {}
                 base = valid(base, clip=0, **level) or base  # a clip would hide the largest deviations
-            for on in whole(base, longest):
+            for on in whole(base, self.screen.longest):
                 if on.windows.steps in STEADY:
                     found += (self.sturdier(on)[-1:] if on.opens_at_once else []) or [on]
         return found

@@ -19,13 +19,8 @@ board, small designs with little fan-out, no block RAM. A figure is therefore ac
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from eskin.data.table import Reading
-from eskin.data.text import read_text
 from eskin.golden.core import AcceleratorConfig, Record, Result, converter_plan
 
 BATTERY_J = 1000e-3 * 5.0 * 3600
@@ -188,16 +183,6 @@ class Power(Result):
     days_cr2032: float
     days_1000mah: float
     switch_off: str
-
-
-class Measured(Result):
-    """Mean power that an instrument recorded; volt: mean voltage."""
-
-    file: str
-    seconds: float
-    samples: int
-    volt: float
-    mean_w: float
 
 
 COMPUTE_BLOCKS = ("cell", "classifier")
@@ -436,45 +421,6 @@ def _switch_off(part: Part, waiting_w: float) -> str:
         f"where pauses between touches last longer than {part.boot_j / waiting_w:.2g} s, switch the part off in them: a start "
         f"from flash takes {1e3 * part.boot_j:.2g} mJ and {1e3 * part.boot_s:.0f} ms, in which a touch is not seen; a comparator "
         "on the sensor (1 to 5 uW) wakes it"
-    )
-
-
-SUPPLY_VOLT = 3.3
-"""Of an instrument's file without a voltage: the boards' rail."""
-PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
-
-
-def measured_power(path: Path) -> Measured:
-    """Mean power of a record of an instrument: a CSV file with the columns time, current and, if known, voltage,
-    by name or without a header in this order; in s, A and V unless the header says otherwise, as in ``Current
-    (uA)``. Power is a straight line between two samples.
-
-    Raises
-    ------
-    InputError
-        It is no such table, or its times do not rise.
-    """
-    table = read_text(path, Reading())
-    header = [name.lower() for name in table.header()]
-    columns = []
-    for place, word in enumerate(("time", "current", "volt")):
-        named = [column for column, name in enumerate(header) if name.startswith(word)]
-        columns += named[:1] or [place] * (not header and place < table.width)
-    if len(columns) < 2:
-        table.refuse("is no record of an instrument; give columns time (s), current (A) and voltage (V)")
-    units = ["".join(table.units_of([column])) for column in columns]
-    scales = [PREFIXES.get(unit[:-1], 1.0) for unit in units]
-    seconds, ampere, *volts = (table.numbers(columns) * scales).T
-    if len(seconds) < 2 or (np.diff(seconds) <= 0).any():
-        table.refuse("its times do not rise; give one row per sample")
-    volt = volts[0] if volts else np.full(len(seconds), SUPPLY_VOLT)
-    duration = seconds[-1] - seconds[0]
-    return Measured(
-        file=str(path),
-        seconds=float(duration),
-        samples=len(seconds),
-        volt=float(volt.mean()),
-        mean_w=float(np.trapezoid(ampere * volt, seconds) / duration),
     )
 
 

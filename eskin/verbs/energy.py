@@ -19,6 +19,8 @@ from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.results import Played
 from eskin.cosim.simulation import Simulation
+from eskin.data.table import Reading
+from eskin.data.text import read_text
 from eskin.golden.core import AcceleratorConfig, InputError, Result, check_target, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches
@@ -29,7 +31,7 @@ from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cyc
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top import standby
 from eskin.study import energy
-from eskin.study.energy import Estimate, Measured, Power, Turn, in_words
+from eskin.study.energy import Estimate, Power, Turn, in_words
 from eskin.study.touch_ends import with_touches
 from eskin.verbs.cosim import expected_of, netlist_of, work_folder
 
@@ -57,7 +59,7 @@ def command(request: EnergyRequest) -> Result:
             raise InputError(
                 f"--configuration {target}: there is no energy model of its part; use another board"
             )
-    measured = energy.measured_power(request.measured) if request.measured else None
+    measured = measured_power(request.measured) if request.measured else None
     numbers, chosen = with_touches(model, recordings, request.recordings)
     rows, touches = [], request.touches
     with work_folder() as work, progress_bars() as notify:
@@ -92,12 +94,61 @@ class Configuration(Estimate):
     power_standalone: Power | None = None
 
 
+class Measured(Result):
+    """Mean power that an instrument recorded; volt: mean voltage."""
+
+    file: str
+    seconds: float
+    samples: int
+    volt: float
+    mean_w: float
+
+
 class Energies(Result):
     """energy.json. passed: all are bit-exact. measured: an instrument's record."""
 
     configurations: list[Configuration]
     passed: bool
     measured: Measured | None = None
+
+
+SUPPLY_VOLT = 3.3
+"""Of an instrument's file without a voltage: the boards' rail."""
+PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+
+
+def measured_power(path: Path) -> Measured:
+    """Mean power of a record of an instrument: a CSV file with the columns time, current and, if known, voltage,
+    by name or without a header in this order; in s, A and V unless the header says otherwise, as in ``Current
+    (uA)``. Power is a straight line between two samples.
+
+    Raises
+    ------
+    InputError
+        It is no such table, or its times do not rise.
+    """
+    table = read_text(path, Reading())
+    header = [name.lower() for name in table.header()]
+    columns = []
+    for place, word in enumerate(("time", "current", "volt")):
+        named = [column for column, name in enumerate(header) if name.startswith(word)]
+        columns += named[:1] or [place] * (not header and place < table.width)
+    if len(columns) < 2:
+        table.refuse("is no record of an instrument; give columns time (s), current (A) and voltage (V)")
+    units = ["".join(table.units_of([column])) for column in columns]
+    scales = [PREFIXES.get(unit[:-1], 1.0) for unit in units]
+    seconds, ampere, *volts = (table.numbers(columns) * scales).T
+    if len(seconds) < 2 or (np.diff(seconds) <= 0).any():
+        table.refuse("its times do not rise; give one row per sample")
+    volt = volts[0] if volts else np.full(len(seconds), SUPPLY_VOLT)
+    duration = seconds[-1] - seconds[0]
+    return Measured(
+        file=str(path),
+        seconds=float(duration),
+        samples=len(seconds),
+        volt=float(volt.mean()),
+        mean_w=float(np.trapezoid(ampere * volt, seconds) / duration),
+    )
 
 
 def parse_configuration(text: str) -> tuple[str, int, str]:

@@ -258,7 +258,7 @@ class _Steps:
 
         def simulate(name: str, numbers: np.ndarray, played: Recordings, *given: Any) -> Path:
             given = (model, design, numbers, played, *given)
-            return self.stage(name, ("golden", "rtl", "cosim", "study", "data"), self._simulate, *given)
+            return self.stage(name, ("golden", "rtl", "cosim", "study"), self._simulate, *given)
 
         full = simulate("co-simulation", numbers, self.recordings.subset(numbers), "full")
         if self.config.is_image:

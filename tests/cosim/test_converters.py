@@ -117,7 +117,6 @@ def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings
     return config, beginnings(made, config)
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     "name",
     [

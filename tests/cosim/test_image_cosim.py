@@ -60,7 +60,6 @@ PLAYS |= {
 }
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (k > 2)) for k, n in enumerate(PLAYS)]
 )

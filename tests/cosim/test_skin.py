@@ -121,7 +121,6 @@ def plays_as_golden(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("scan_every", [1, 4])
 def test_from_converter_pins_to_stimulator_bytes(scan_every, tmp_path):
     """Of a source of 4 kHz one frame in four is scanned: at 1 kHz, as the other boards."""
@@ -215,7 +214,6 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     """The link and the converter together: a host writes the model and an amplitude above its limit, arms,
     hears each decision on frames from the converter's pins, and reads registers at the end; the stimulator

@@ -27,7 +27,6 @@ from tests.support.touch_scenes import scene
 BUILDS = Path("build/simulators")
 
 
-@pytest.mark.timeout(1800)
 @each_row(("cell", "taught_shift"), [("gru", 1), ("linear", 0)])
 def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell, taught_shift):
     model = forget(taught_model(cell, taught_shift=taught_shift))
@@ -69,7 +68,6 @@ def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, 
         print(hardware.level, count, few.device.replay(hardware, tmp_path / hardware.level, BUILDS))
 
 
-@pytest.mark.timeout(1800)
 def test_a_damaged_place_is_flagged():
     plain = forget(taught_model("gru"))
     model = IntegerModel(plain.config.replace(checksum=True, watchdog=True), plain.arrays, plain.source)

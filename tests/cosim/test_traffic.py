@@ -33,12 +33,10 @@ def check_power_up(case: Case, folder: Path, seeds: int) -> None:
     print(f"{power.total} initial values, {power.bits} bits; multiplied by 0: {len(power.multiplied)}")
 
 
-@pytest.mark.timeout(1800)
 def test_every_register_and_memory_may_start_unknown(tmp_path):
     check_power_up(small_case(), tmp_path, 1)
 
 
-@pytest.mark.timeout(1800)
 def test_registers_without_their_reset_are_seen(tmp_path):
     case = small_case()
     unreset = changed(case.verilog, initial_values(case.verilog)).replace("rst ?", "1'b0 ?")
@@ -80,7 +78,6 @@ VARIANTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_unknown_and_resets_in_every_variant(tmp_path, variant):
     changes = dict(VARIANTS[variant])

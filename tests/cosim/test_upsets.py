@@ -71,7 +71,6 @@ class Upsets:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("checksum", [True, False])
 def test_the_checksum_flags_a_changed_constant_before_the_decision_of_its_touch(checksum):
     """Weights, tables and means, each walked through once more before the first step."""
@@ -88,7 +87,6 @@ def test_the_checksum_flags_a_changed_constant_before_the_decision_of_its_touch(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("watchdog", [True, False])
 def test_the_watchdog_ends_every_hang(watchdog):
     design, rng = Upsets(watchdog=watchdog), random.Random(7)

@@ -50,14 +50,13 @@ class Plan:
     ``code_bits``."""
 
     chips: int = 1
+    zero: int | None = None
+    """The code of sample 0, if the data sheet has one."""
 
     @property
     def sleeping(self) -> Plan:
         """The plan by which chips sleep between scans; the same where they have no command for it."""
         return self
-
-    zero: int | None = None
-    """The code of sample 0, if the data sheet has one."""
 
     def pin_codes(self, config: AcceleratorConfig) -> int:
         """Number of codes of a frame at the pins."""

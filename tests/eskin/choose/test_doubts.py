@@ -94,6 +94,10 @@ def test_accuracy_that_climbs_to_the_end_is_doubted(steps, right, brief, doubted
     # what scans less often may begin later
     seldom = CONFIG.replace(steps=1, scan_every=2), rows[1][1]
     assert doubts.still_climbing([rows[0], seldom]) == []
+    # windows that divide the touch have seen all of it, and say nothing of longer ones
+    divided = rows[0][0].replace(window_mode="whole"), rows[0][1]
+    assert doubts.still_climbing([divided, *rows[1:]]) == []
+    assert len(doubts.still_climbing([*rows, (divided[0], rows[2][1])])) == doubted
 
 
 def sessions(shift: float, groups: dict | None = None, each: int = 30) -> Recordings:

@@ -184,7 +184,6 @@ CLANG_AVR = (
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("kind", WITH_16_BIT_INT)
 def test_a_processor_with_an_int_of_16_bits_decides_the_same(kind, tmp_path):
     """simavr runs an ATmega1284P; clang compiles the model, avr-gcc what plays it."""
@@ -301,7 +300,6 @@ def test_two_models_go_into_one_program(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("kind", MODELS)
 @pytest.mark.parametrize("name", ["pvdf", "fabric", "biotac", "synthetic"])
 def test_all_recordings_decide_the_same(name, kind, shared_data, tmp_path):

@@ -140,7 +140,6 @@ def test_positions_of_the_hosts_frames_are_read_over_the_link(tmp_path):
     assert told > 50
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     "count, seed", [(2 * len(NoisyPort.KINDS), 3), pytest.param(1000, 7, marks=pytest.mark.slow)]
 )

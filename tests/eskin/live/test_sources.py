@@ -116,7 +116,6 @@ def test_one_difference_in_one_recording_is_seen(model, recordings, case):
     assert [message["wrong"] for message in stage.seen("result")] == [tally.mismatches, 0, 0, 0, 0]
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.slow
 @pytest.mark.parametrize("scan_every", [1, 4])
 def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):

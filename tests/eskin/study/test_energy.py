@@ -13,8 +13,8 @@ from eskin.study.energy import (
     bitstream_power,
     counted_activity,
     estimate,
-    measured_power,
 )
+from eskin.verbs.energy import measured_power
 from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))

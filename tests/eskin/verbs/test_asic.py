@@ -29,12 +29,10 @@ def test_rows_in_one_phase_where_the_clock_decides_in_time(clock_hz, decide_with
     assert (decision_cycles(chip) <= clock_hz * (decide_within_s or 1 / 3000)) == (in_one or clock_hz < 1e6)
 
 
-@pytest.mark.timeout(1800)
 def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch):
     check(tmp_path, monkeypatch, "tiny", measured=False)
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.skipif(not timing.has_sta(), reason="OpenSTA is not installed: apt-get install opensta")
 @pytest.mark.slow
 @each_row("cells", ["tiny", "real"])

@@ -113,7 +113,6 @@ def test_recordings_may_end_with_their_touch():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("cells, rom", [("tiny", True), ("tiny", False), ("real", True)])
 def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, cells, rom):
     paths = liberty_files(cells, tmp_path)

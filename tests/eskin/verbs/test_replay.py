@@ -210,7 +210,6 @@ def board_of(model: IntegerModel) -> PinPort:
     return PinPort(simulated, CLOCKS_PER_BIT)
 
 
-@pytest.mark.timeout(1800)
 def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
     model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"

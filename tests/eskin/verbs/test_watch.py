@@ -61,7 +61,6 @@ def text(driver, name: str) -> str:
 
 
 @browser.needs_browser
-@pytest.mark.timeout(1800)
 def test_the_page_in_a_browser():
     """16 taxels at 3 kHz: heat map and decisions change while a recording plays, pause stops them, the
     decision is golden's, the console is silent, and nothing but this program is asked for anything."""

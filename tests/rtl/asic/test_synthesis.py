@@ -4,7 +4,6 @@ process's own cells."""
 import random
 from pathlib import Path
 
-import pytest
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
@@ -44,7 +43,6 @@ class Words(wiring.Component):
         return m
 
 
-@pytest.mark.timeout(1800)
 @each_row("cells", ["tiny", "real"])
 def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cells):
     process = process_of(

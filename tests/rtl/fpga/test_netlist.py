@@ -60,7 +60,6 @@ def play(model, recordings, tmp_path):
 LINEAR = with_network(CONFIG, cell="linear")
 
 
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     "model, target, multiplier",
     [
@@ -93,7 +92,6 @@ SPARED = {
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", SPARED)
 def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
     """Two models one after the other: the host's writes and the engine's reads share the large memories' only
@@ -169,7 +167,6 @@ endmodule
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1800)
 def test_counters_count_what_changes(tmp_path):
     """Two registers and a multiplier beside memories, driven with a known sequence; counted by hand here."""
     (tmp_path / "counted.v").write_text(instrument(NETLIST, lambda name: name.split(".")[0]))

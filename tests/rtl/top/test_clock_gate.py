@@ -1,8 +1,6 @@
 """The stopped clock: streams and decisions as without it, at the sensor's pace. That no edge is missing is proved in
 formal/top/clock_gate.py."""
 
-import pytest
-
 from eskin.cosim import flow
 from eskin.cosim.simulation import Simulation
 from eskin.golden.model import write_vectors
@@ -14,7 +12,6 @@ CYCLES = 60
 """Clock cycles of a frame: the clock stops between frames, and a step takes several of them."""
 
 
-@pytest.mark.timeout(1800)
 def test_bit_exact_with_the_clock_stopped(tmp_path):
     case = Case(CONFIG.replace(**GATED))
     generate(case.config, case.model.arrays, tmp_path / "design")

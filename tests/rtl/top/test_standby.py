@@ -11,9 +11,7 @@ PVDF = PRESETS["pvdf"].replace(feature_shift=(4,), scan_every=8, converter="ads7
 
 def crossings(part: Fragment) -> set[tuple[str, str]]:
     """(register, domain of it) of every register that is read in a domain other than where it is driven."""
-    owner: dict[int, str] = {}
-    reads: list[tuple[str, str, object]] = []
-    logic: dict[int, list] = {}
+    owner, reads, logic = {}, [], {}
 
     def collect(inner: Fragment) -> None:
         for domain, statements in inner.statements.items():

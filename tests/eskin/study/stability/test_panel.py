@@ -154,14 +154,12 @@ def test_average_powers_within_a_hundredth_are_equal_and_then_energy_decides():
 
 def test_a_tie_goes_to_a_candidate_that_is_beyond_in_hardly_more_modes(monkeypatch):
     first, second = judged(4, 1000, 900), judged(8, 1000, 900)
-    for of_first, of_second, taken in ((1, 1, first), (2, 1, first), (3, 1, second), (0, 3, first)):
-        beyond = {id(first): of_first, id(second): of_second}
-        monkeypatch.setattr(
-            ScoredCandidate, "beyond", property(lambda scored, beyond=beyond: beyond[id(scored)])
-        )
-        assert choose_stable([second, first], first, energy(1.5)) is taken, (of_first, of_second)
-    monkeypatch.undo()
     assert first.beyond == 1
+    for of_first, of_second, taken in ((1, 1, first), (2, 1, first), (3, 1, second), (0, 3, first)):
+        beyond = {4: of_first, 8: of_second}
+        count = lambda scored, beyond=beyond: beyond[scored.config.network.hidden]
+        monkeypatch.setattr(ScoredCandidate, "beyond", property(count))
+        assert choose_stable([second, first], first, energy(1.5)) is taken
 
 
 # ---------------------------------------------------------------------- a fragile scene
@@ -224,16 +222,13 @@ def test_windows_that_divide_a_touch_are_sturdy_with_more_scans_and_without_the_
         fault_frames=0, fault_activity=0, window_mode="free", pretrigger_frames=0
     )
     once = at.replace(onset="immediate", rest="none", rest_frames=0, clip=0, scan_every=4)
-    found = Hardening(None, Screen(recordings)).dividing(once)  # type: ignore[arg-type]
-    assert {on.sensor.scan_every for on in found} == {4, 2, 1} and {on.windows.steps for on in found} == {
-        20,
-        12,
-    }
+    found, gated = map(Hardening(None, Screen(recordings)).dividing, (once, at))  # type: ignore[arg-type]
+    assert [on.sensor.scan_every for on in found] == [4, 4, 2, 2, 1, 1]
+    assert [on.windows.steps for on in found] == [20, 12] * 3
     for on in found:
         assert on.follows_touch and on.rest_level.rest == "initial" and on.rest_level.clip > 0
         assert on.windows.touch_frames * on.sensor.scan_every >= recordings.lengths.max()
-    gated = Hardening(None, Screen(recordings)).dividing(at)  # type: ignore[arg-type]
-    assert {on.onset_rule for on in gated} == {at.onset_rule} and all(on.follows_touch for on in gated)
+    assert {(on.onset_rule, on.follows_touch) for on in gated} == {(at.onset_rule, True)}
 
 
 # ---------------------------------------------------------------------- what is asked for
