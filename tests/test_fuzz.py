@@ -213,6 +213,22 @@ def test_the_fuzzer_sees(corpus, tmp_path, monkeypatch, defect):
 # ---------------------------------------------------------------------- what it found
 
 
+def test_a_picture_does_not_take_the_place_of_a_network(corpus, tmp_path):
+    """Nor of anything else that is no picture; a file that a command line names for what it writes is written."""
+    make_case(corpus, tmp_path / "case")
+    for place, outcome in (
+        ("../in/network.pt", "refused"),
+        ("../in/look.png", "done"),
+        ("new/look.png", "done"),
+    ):
+        assert (
+            watched.watched(
+                tmp_path / "case", ["inspect", "../in/recordings.npz", "--out", place], True
+            ).outcome
+            == outcome
+        )
+
+
 def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr("eskin.golden.core.files.MOST_UNPACKED_BYTES", 1000)
     np.savez_compressed(tmp_path / "bomb.npz", samples=np.zeros(10_000, dtype=np.int32))

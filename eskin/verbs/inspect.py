@@ -24,6 +24,8 @@ def command(request: InspectRequest) -> Record:
     from eskin.pages.inspect_data import inspect as look
 
     picture = request.out or Path("build/inspect") / f"{short_name(request.data)}.png"
+    if picture.suffix != ".png":
+        raise InputError(f"--out {picture}: must end in .png; give such a name")
     check_target(picture)
     readme = picture.with_suffix("") / "README.md"
     if request.card and readme.exists():

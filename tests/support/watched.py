@@ -37,6 +37,8 @@ MEMORY_BYTES = 3 << 29
 """Address space that an input may take on top of the warm process."""
 ENDS = {0: "done", 1: "check not held", 2: "refused", "long work": "long work"}
 """How an input may end; anything else is a defect."""
+WRITTEN = (".json", ".npz", ".png", ".html", "")
+"""Endings of what a verb writes to a path that a command line names; an input of such a name may be replaced."""
 KEPT = ("keep", "foreign/keep")
 """Files in ``out`` that no refused command may touch."""
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -70,20 +72,30 @@ class Verdict(NamedTuple):
 
 
 # ---------------------------------------------------------------------- in the child
-def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) -> None:
-    """Note files written outside ``out`` and ``tmp``, and objects unpickled; ``stop`` at long work.
+def _named(case: Path, words: list[str]) -> list[Path]:
+    """Places that a command line names for what it writes."""
+    pairs = zip(words, words[1:], strict=False)
+    named = [case / "out" / place for option, place in pairs if option in ("--out", "--json")]
+    return [place.resolve() for place in named if place.suffix in WRITTEN]
+
+
+def _watch(case: Path, words: list[str], draws: bool, notes: list[str], stop: Callable[..., Any]) -> None:
+    """Note files written outside ``out``, ``tmp`` and what ``words`` name, and objects unpickled; ``stop`` at long work.
 
     Long work: a gradient, a choice among many front ends, another process, a server, a mode of the stability suite, and unless ``draws`` a
     drawing.
     """
     allowed = (*(f"{os.path.realpath(case / name)}/" for name in ("out", "tmp")), "/dev/")
+    named = _named(case, words)
+    allowed += tuple(f"{each}/" for each in named) + tuple(f"{each.parent}/.{each.name}." for each in named)
+    above = {str(folder) for each in named for folder in each.parents}
 
     def written(path: Any) -> None:
         if isinstance(path, (str, bytes, os.PathLike)):
             # a rename or removal acts on a link itself, so only its folder is followed
             name = os.fsdecode(path)
             real = os.path.join(os.path.realpath(os.path.dirname(name) or "."), os.path.basename(name))
-            if not f"{real}/".startswith(allowed):
+            if not f"{real}/".startswith(allowed) and real not in above:
                 notes.append(f"wrote outside: {real}")
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
@@ -133,7 +145,7 @@ def _child(case: Path, words: list[str], draws: bool, answer: Connection) -> Non
         answer.send((status, list(notes), failure))
         os._exit(0)
 
-    _watch(case, draws, notes, lambda *_, **__: finish("long work"))
+    _watch(case, words, draws, notes, lambda *_, **__: finish("long work"))
     sys.argv = ["eskin", *words]
     try:
         command_line.main()
@@ -161,12 +173,12 @@ def watched(case: Path, words: list[str], draws: bool = False) -> Verdict:
     if reply is None:
         out_of_time = late or child.exitcode in (-signal.SIGXCPU, -signal.SIGKILL)
         if out_of_time and _goes_on(output):
-            return _judged(case, before, "long work", output)
+            return _judged(case, words, before, "long work", output)
         return Verdict("hang" if out_of_time else "odd status", f"exit code {child.exitcode}\n{output}")
     status, notes, failure = reply
     if failure or notes:
         return Verdict(status, failure) if failure else Verdict(notes[0].partition(":")[0], "\n".join(notes))
-    return _judged(case, before, status, output)
+    return _judged(case, words, before, status, output)
 
 
 def _goes_on(output: str) -> bool:
@@ -177,15 +189,21 @@ def _goes_on(output: str) -> bool:
     return any(len(values) > 1 for values in counts.values())
 
 
-def _judged(case: Path, before: dict[str, str], status: Any, output: str) -> Verdict:
+def _judged(case: Path, words: list[str], before: dict[str, str], status: Any, output: str) -> Verdict:
     """The verdict on an end without an exception."""
     after = _tree(case / "in")
+    named = tuple(f"{place}/" for place in _named(case, words))
+    own = {
+        name
+        for name in before.keys() | after.keys()
+        if f"{(case / 'in' / name).resolve()}/".startswith(named)
+    }
     strays = {entry.name for entry in case.iterdir()} - {"in", "out", "tmp", "said.txt"}
     left = [str(path.relative_to(case)) for path in (case / "tmp").rglob("*")]
     left += [str(path.relative_to(case)) for path in (case / "out").rglob(".*") if ".work" not in path.name]
     defects = {
         "input changed": sorted(
-            name for name in before.keys() | after.keys() if before.get(name) != after.get(name)
+            name for name in (before.keys() | after.keys()) - own if before.get(name) != after.get(name)
         ),
         "wrote outside": sorted(strays),
         "odd status": [] if status in ENDS else [f"status {status}", output],
