@@ -7,6 +7,7 @@ quick.
 
 import functools
 import inspect
+import math
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -72,6 +73,18 @@ def check_outputs(verb: str, options: Record) -> None:
             raise InputError(f"{option} {path}: {why}; give another name")
 
 
+def check_numbers(options: Record) -> None:
+    """Refuse what is not finite: an option takes inf and nan for numbers.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, value in options.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(f"`{name}` {value}: is not a number; give a finite one")
+
+
 # ---------------------------------------------------------------------- verbs
 @functools.cache
 def command_of(verb: str) -> Any:
@@ -80,6 +93,7 @@ def command_of(verb: str) -> Any:
     command, request = loaded(verb)
 
     def checked(**options: Any) -> None:
+        check_numbers(options)
         check_outputs(verb, options)
         target = options.get("json")
         check_target(target)

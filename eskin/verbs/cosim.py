@@ -10,7 +10,6 @@ Golden trace, generated files and co-simulation live in their own packages; here
 
 import contextlib
 import dataclasses
-import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial

@@ -6,6 +6,7 @@ It passes when it ends with a status of the command line's own, or reaches work 
 
 import contextlib
 import hashlib
+import itertools
 import multiprocessing
 import os
 import re
@@ -74,7 +75,7 @@ class Verdict(NamedTuple):
 # ---------------------------------------------------------------------- in the child
 def _named(case: Path, words: list[str]) -> list[Path]:
     """Places that a command line names for what it writes."""
-    pairs = zip(words, words[1:], strict=False)
+    pairs = itertools.pairwise(words)
     named = [case / "out" / place for option, place in pairs if option in ("--out", "--json")]
     return [place.resolve() for place in named if place.suffix in WRITTEN]
 

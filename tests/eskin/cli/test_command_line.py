@@ -177,7 +177,13 @@ REFUSED = [
         "--quantisation-aware: needs the recordings of the",
     ),
     ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is not a number of recordings"),
-    ("cosim model --data data.npz --clock {0}", "nan", "is not a clock; give 1 Hz"),
+    ("cosim model --data data.npz --clock {0}", "0.5", "is not a clock; give 1 Hz"),
+    (
+        "cosim model --data data.npz --clock {0}|build model --target icebreaker --clock {0}|energy model --data data.npz --touches {0}",
+        "inf",
+        "inf: is not a number",
+    ),
+    ("evaluate model|evaluate model --data data.npz --against {0}", "design", "give one of the two"),
 ]
 
 
