@@ -61,7 +61,8 @@ class _Graph:
         opset = helper.make_opsetid("", OPSET)
         proto = helper.make_model(graph, opset_imports=[opset], producer_name="eskin", ir_version=IR)
         scale = {name: self.model.arrays[name].tolist() for name in ("mean", "scale")}
-        helper.set_model_props(proto, {METADATA: json.dumps({"config": self.config.to_dict()} | scale)})
+        metadata = {"model_hash": self.model.model_hash, "config": self.config.to_dict()}
+        helper.set_model_props(proto, {METADATA: json.dumps(metadata | scale)})
         onnx.checker.check_model(proto, full_check=True)
         return proto
 

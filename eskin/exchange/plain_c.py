@@ -216,7 +216,7 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
         | {
             "name": _comment(config.name),
             "c": config,
-            "content": model.content,
+            "model_hash": model.model_hash,
             "image": image,
             "classes": config.classes,
             "names": ", ".join(map(c_string, config.network.class_names)),

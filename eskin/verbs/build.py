@@ -39,6 +39,7 @@ from eskin.golden.core import (
     Record,
     check_folder,
     content_key,
+    model_hash,
     replacing_folder,
     write_json,
 )
@@ -48,6 +49,7 @@ from eskin.memo import Memo, code_version
 from eskin.rtl.common import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
+from eskin.rtl.fpga.generate import contents, write_contents
 from eskin.rtl.fpga.implementation import FAMILIES, DoesNotFit, Implementation, NoRoute, place
 from eskin.rtl.fpga.synthesis import Family, Netlist, synthesise
 from eskin.rtl.fpga.targets import Target
@@ -116,12 +118,13 @@ def command(request: BoardRequest) -> None:
     )
     try:
         with progress_bars() as report:
-            result, bitstream, netlist = build(design, report)
+            result, bitstream, netlist, files = build(design, report)
     except BuildError as error:
         stop(str(error), 1)
     with replacing_folder(folder) as new:
         shutil.copyfile(bitstream, new / result["bitstream"])
         shutil.copyfile(netlist, new / "netlist.v")
+        write_contents(new, files)
         write_json(new / MARK, result)
     show("build", **result, block_rows=block_rows(result), in_words=in_words, folder=folder)
     if not result["clock_met"]:
@@ -308,13 +311,16 @@ class BuildRequest:
         )
 
 
-def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Record, Path, Path]:
+def build(
+    request: BuildRequest, progress: Progress | None = None
+) -> tuple[Record, Path, Path, dict[str, str]]:
     """The best of the placements. Where a recurrent design lacks block memories and the part has large ones,
     they hold its weights (``spare_blocks``).
 
     Returns
     -------
-    The result (`build.json`), its bitstream and its netlist as Verilog.
+    The result (`build.json`), its bitstream, its netlist as Verilog, and the model's files
+    (`eskin.rtl.fpga.generate.contents`).
 
     Raises
     ------
@@ -365,6 +371,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     best = max(placements, key=lambda placement: placement.fmax_hz)
     by, tried = "asked" if request.lanes_asked else "fit", request.misfit
     chosen: Record = {
+        "model_hash": model_hash(config, request.arrays),
         "lanes_chosen_by": by,
         "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
         "not_taken": not_taken,
@@ -381,6 +388,8 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
             "link": request.sensing,
             "standalone": request.standalone,
             "converter": interface.converter.name,
+            "stimulator": interface.stimulator != "none",
+            "wiring": wiring.table(),
         }
     if wiring.standby:
         p, _ = sample_clock(standby.SLOW_HZ, config.sensor.scan_rate_hz)
@@ -389,8 +398,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
             "rate_error": standby.TOLERANCE,
             "scan_jitter_s": 0.0 if p == 1 else 1 / standby.SLOW_HZ,
         }
-        result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
-    return result, best.bitstream, netlist.verilog
+    return result, best.bitstream, netlist.verilog, contents(config, request.arrays)
 
 
 def board_of(model: Path) -> tuple[int, int, Any]:

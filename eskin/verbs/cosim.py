@@ -90,7 +90,7 @@ class CosimRequest(Simulation, ModelDataOptions, LaneOptions, JsonOptions, Clust
 
 
 def command(request: CosimRequest) -> Result:
-    if request.clock_hz is not None and not 1 <= request.clock_hz < math.inf:
+    if request.clock_hz is not None and request.clock_hz < 1:
         raise InputError(f"`clock_hz` {request.clock_hz:g}: is not a clock; give 1 Hz or more")
     count = parse_count(request.recordings)
     integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
@@ -379,6 +379,7 @@ def cosimulate_parts(
     results = jobs.results(play, pieces, shared, keep=keep, what=f"parts of up to {size} compiled and played")
     played = {key: Played.model_validate(part) for key, part in results.items()}
     result = joined(model.config, [*played.values()])
+    result.model_hash = model.model_hash
     differing = next((pieces[key] for key, part in played.items() if part.mismatches), None)
     if differing:  # once more, for its waves: waves of a worker are not on this machine
         if jobs.progress:

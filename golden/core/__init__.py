@@ -2,7 +2,7 @@
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.content import content_key
+from eskin.golden.core.content import APART, content_key, model_hash
 from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan
 from eskin.golden.core.errors import InputError, SimulationError, array_of
 from eskin.golden.core.files import (

@@ -1013,6 +1013,7 @@ class AcceleratorConfig:
             raise InputError(
                 f"{source}: holds no configuration; it must be a JSON object of groups of fields"
             )
+        values = {key: value for key, value in values.items() if key != "model_hash"}
         parts = {key: value for key, value in values.items() if key != "name"}
         for key, value in parts.items():
             if key not in GROUPS:
@@ -1029,9 +1030,10 @@ class AcceleratorConfig:
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
 
-    def to_json(self) -> str:
-        """Text of config.json."""
-        return json.dumps(self.to_dict(), indent=2) + "\n"
+    def to_json(self, model_hash: str = "") -> str:
+        """Text of config.json, with the hash of an integer model (`model_hash`), which nothing reads back."""
+        line = {"model_hash": model_hash} if model_hash else {}
+        return json.dumps(line | self.to_dict(), indent=2) + "\n"
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> AcceleratorConfig:

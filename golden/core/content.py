@@ -2,10 +2,14 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+APART = ("hardware", "interface")
+"""Groups of a configuration on which no decision depends: how the network is computed, and what is wired to it."""
 
 
 def content_key(*parts: Any) -> str:
@@ -28,3 +32,11 @@ def content_key(*parts: Any) -> str:
         # the length goes first; otherwise ("ab", "c") and ("a", "bc") would have the same key
         digest.update(f"{len(data)} ".encode() + data)
     return digest.hexdigest()[:32]
+
+
+def model_hash(config: Any, arrays: Mapping[str, np.ndarray]) -> str:
+    """Hash of a configuration, without the groups `APART`, and of the integer weights: equal for the same network on
+    other lanes or behind another converter."""
+    fields = {name: value for name, value in config.to_dict().items() if name not in APART}
+    named = (part for name in sorted(arrays) for part in (name, np.asarray(arrays[name], dtype=np.int64)))
+    return content_key(fields, *named)

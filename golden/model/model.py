@@ -24,6 +24,7 @@ from eskin.golden.core import (
     QFormat,
     Record,
     content_key,
+    model_hash,
     read_arrays,
     replacing_folder,
 )
@@ -244,6 +245,11 @@ class IntegerModel(_Model):
             )
         object.__setattr__(self, "arrays", checked)
 
+    @property
+    def model_hash(self) -> str:
+        """Hash of what its decisions depend on."""
+        return model_hash(self.config, self.arrays)
+
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> IntegerModel:
         """The same network with other lanes; None keeps the current value."""
         return IntegerModel(self.config.with_lanes(lanes, lane_type), self.arrays, self.source)
@@ -281,7 +287,7 @@ def _write(folder: Path, config: AcceleratorConfig, integer: IntegerModel | None
     if integer:
         config = integer.config
         np.savez(folder / INTEGER_FILE, allow_pickle=False, **integer.arrays)
-    (folder / CONFIG_FILE).write_text(config.to_json())
+    (folder / CONFIG_FILE).write_text(config.to_json(integer.model_hash if integer else ""))
 
 
 def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Arrays, features: np.ndarray):

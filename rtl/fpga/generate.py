@@ -21,6 +21,7 @@ from eskin.golden.core import (
     InputError,
     Record,
     check_prefix,
+    model_hash,
     prefixed,
     replacing_folder,
     template,
@@ -135,13 +136,7 @@ def generate(
     with replacing_folder(out) as folder:
         for name, (_, design) in zip(names, modules, strict=True):
             (folder / f"{name}.sv").write_text(verilog(design(config, images), name))
-        (folder / "config.json").write_text(config.to_json())
-        (folder / "memories").mkdir()
-        for select, words in memory_images(config, arrays).items():
-            width = 16 * words_per_entry(config, select)
-            _write_hex(folder / "memories" / f"{memory_name(config, select)}.hex", words, width)
-        writes = boot_writes(config, arrays)
-        _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
+        write_contents(folder, contents(config, arrays))
         (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
         registers = entries(config, bus is not None, converter == "none" and not axis)
         prefix = top or PREFIX
@@ -153,7 +148,7 @@ def generate(
             for source in DRIVER:
                 text = source.read_text().replace('"eskin.h"', f'"{prefix}.h"')
                 (folder / f"{prefix}{source.suffix}").write_text(prefixed(text, prefix))
-            load = template(__file__, "load.h").render(writes=writes)
+            load = template(__file__, "load.h").render(writes=boot_writes(config, arrays))
             (folder / "load.h").write_text(prefixed(load, prefix))
         if vectors is not None:
             _write_bench(config, folder, Path(vectors), names[0])
@@ -168,6 +163,23 @@ def generate(
         core = template(__file__, "eskin.core").render(top=names[-1], release=version("eskin"))
         (folder / "eskin.core").write_text(core)
     return out
+
+
+def contents(config: AcceleratorConfig, arrays: Arrays) -> dict[str, str]:
+    """The files by which a design's model is known, by name: config.json, memories/*.hex and load.hex."""
+    files = {"config.json": config.to_json(model_hash(config, arrays))}
+    for select, words in memory_images(config, arrays).items():
+        width = 16 * words_per_entry(config, select)
+        files[f"memories/{memory_name(config, select)}.hex"] = _hex(words, width)
+    loaded = [address << 16 | word for address, word in boot_writes(config, arrays)]
+    return files | {"load.hex": _hex(loaded, 24)}
+
+
+def write_contents(folder: Path, files: dict[str, str]) -> None:
+    """Write the files of `contents`."""
+    for name, text in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
 
 
 def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, int]]:
@@ -219,9 +231,9 @@ def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None
     return written("registers.h", registers or entries(config), config=config, **values)
 
 
-def _write_hex(path: Path, words: Iterable[int], bits: int) -> None:
+def _hex(words: Iterable[int], bits: int) -> str:
     digits = -(-bits // 4)
-    path.write_text("".join(f"{int(word) & (1 << bits) - 1:0{digits}x}\n" for word in words))
+    return "".join(f"{int(word) & (1 << bits) - 1:0{digits}x}\n" for word in words)
 
 
 def pack_decision(config: AcceleratorConfig, row: Iterable[int]) -> int:

@@ -196,7 +196,7 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     (real recordings)."""
     board = target("icebreaker")
     model = random_integer_model(PRESETS[name].replace(**BOARDS[name]), DRAWN[name])
-    result, bitstream, verilog = build(
+    result, bitstream, verilog, _ = build(
         BuildRequest(config=model.config, arrays=model.arrays, target=board, standalone=True)
     )
     assert result["clock_met"] and bitstream.exists()
