@@ -5,6 +5,7 @@ time beside golden model and hardware: it takes their tables and formats, and ad
 `templates` hold the code; this module computes their values.
 """
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
@@ -189,6 +190,13 @@ def _image_values(config: AcceleratorConfig) -> Record:
             sizes[index % 2] = max(sizes[index % 2], int(np.prod(result)))
         rows.append((stage, shift, 1 + pool))
     return {"layers": ", ".join(config.image.layers), "rows": rows, "maps": sizes, "acc": "int32_t"}
+
+
+def constant_bytes(model: IntegerModel) -> int:
+    """Bytes of all tables."""
+    tables = _image_tables(model) if model.config.is_image else _frame_tables(model)
+    bits = {"int8_t": 8, "uint8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64}
+    return sum(bits[table.kind] // 8 * math.prod(table.size) for table in tables)
 
 
 # ---------------------------------------------------------------------- files

@@ -136,6 +136,7 @@ def fewer_scans(front_end: Record) -> list[Record]:
 
 AXES = {
     "energy_touch_j": ("energy of a touch", " (µJ)", 1e6),
+    "average_w": ("average power", " (µW)", 1e6),
     "latency_s": ("last sample to decision", " (µs)", 1e6),
     "cells": ("logic cells", "", 1),
 }
@@ -246,6 +247,7 @@ def _render(values: Record) -> str:
     candidates, front_end = run.get("candidates") or [], run.get("front_end")
     (cards,) = tables(words("cards", **values))
     values |= {
+        "parts": [*tables(words("parts", **values)), None][0],
         "name": run.get("name") or short_name(run["data"]["source"]),
         "data": run["data"],
         "cards": [dict(zip(("title", "value", "note"), cells, strict=True)) for cells in cards.cells],

@@ -181,6 +181,8 @@ def cosimulate(
         second = flow.cosim(design, vectors, how, work=work / "placed", progress=progress)
         result.without_probes = Placed(**second.model_dump(include={*Placed.model_fields}), cells=cells)
         result.passed &= second.bit_exact
+    if result:
+        result.model_hash = model.model_hash
     return result
 
 

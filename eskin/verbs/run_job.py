@@ -62,6 +62,7 @@ from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import by_lanes, cost_model
 from eskin.verbs.generate import generate_design
 from eskin.verbs.milestones import shown
+from eskin.verbs.parts import parts_of
 from eskin.verbs.run import RunRequest
 
 SMALL_CYCLES = 60e6
@@ -229,6 +230,7 @@ class _Steps:
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "candidates": training.get("candidates"),
             "lanes": by_lanes(config),
+            "parts": [row.model_dump() for row in parts_of(model)],
             "baselines": baselines,
             "doubts": [row | {"text": spelled(row["text"])} for row in found],
             "warnings": [*map(spelled, doubts.sentences(found))],
