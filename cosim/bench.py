@@ -6,6 +6,7 @@ Any other scenario is a separate cocotb test that starts from `Bench`.
 """
 
 import json
+import logging
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,13 +53,15 @@ class StageMonitor:
     """The values of one stage: ``async for codes, cycles in monitor``."""
 
     def __init__(self, stage: str, events: "EventReader") -> None:
-        self.stage = stage
+        self.stage, self.log = stage, logging.getLogger(f"cocotb.monitor.{stage}")
         self._came: Queue[Values] = Queue()
         events.take[stage] = self._came.put_nowait
 
     async def __aiter__(self) -> AsyncIterator[Values]:
         while True:
-            yield await self._came.get()
+            values = await self._came.get()
+            self.log.debug("%d values by cycle %d", len(values.codes), values.cycles[-1])
+            yield values
 
 
 class EventReader:
@@ -97,6 +100,7 @@ class HostBus:
 
     def __init__(self, dut, registers: Mapping[Any, int], commands: Mapping[str, int]) -> None:
         self._dut, self._registers, self._commands = dut, registers, commands
+        self.log = logging.getLogger("cocotb.driver.bus")
 
     async def write(self, register: str | int, word: int) -> None:
         """A 16-bit word to a register, by its name or its address."""
@@ -116,6 +120,7 @@ class HostBus:
         await self.write("CONTROL", sum(self._commands[name] for name in names))
 
     async def _access(self, register: Any, strobe: Any, offset: int = 0) -> None:
+        self.log.debug("access to %s", register)
         self._dut.bus__addr.value = self._registers.get(register, register) + offset
         strobe.value = 1
         await FallingEdge(self._dut.clk)
@@ -144,6 +149,7 @@ class FrameSource:
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free, self.jitter, self.stalled = Event(), 0.0, False
+        self.log = logging.getLogger("cocotb.driver.frames")
         self.frames = self.overruns = self.waited = self.longest = self.sent = 0
         self.offered, self.accepted, self.scans = list[int](), list[int](), list[int]()
         events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
@@ -174,6 +180,7 @@ class FrameSource:
             dut.frames.value = count = len(frames[of])
             self.sent += count
             self.frames += count
+            self.log.debug("frame %d of the recording is on its way", self.sent)
             self._free.clear()
             await self._free.wait()
 

@@ -126,7 +126,8 @@ class Run:
         cycles = len(self.expected["samples"]) * (6 * config.sensor.taxels + settings["period"])
         cycles += len(self.expected["decision"]) * 3 * (config.step_ideal + 500) + 20000
         slowest = SLOWEST_CYCLES_PER_S[f"{hardware.level} {how.simulator}"]
-        wall_s = runner.run(built, work, limit_s=120 + cycles / slowest, bench=bench)
+        limit_s, seed = 120 + cycles / slowest, how.seed & 0x7FFFFFFF
+        wall_s = runner.run(built, work, limit_s=limit_s, bench=bench, seed=seed)
         return json.loads((work / "result.json").read_text()) | {"wall_s": wall_s}
 
 

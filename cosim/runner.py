@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import cocotb_tools.config
 import cocotb_tools.runner as cocotb_runner
@@ -39,6 +40,8 @@ PACKAGES = {"vvp": "iverilog"}
 """Debian's packages of tools, where they have other names."""
 PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
 PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
+RESULTS = "results.xml"
+"""JUnit's file of a run."""
 RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eskin"
 """Verilator's own runtime, compiled once a machine."""
 
@@ -175,10 +178,17 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, quick: bool
     return cached(builds, kernel.stem, [*described, kernel], make) / "device.so"
 
 
-def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench") -> float:
+def run(
+    simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench", seed: int | None = None
+) -> float:
     """Run the cocotb tests of module ``bench`` in ``work``; the wall time in seconds.
 
-    They answer in ``result.json`` there.
+    They answer in ``result.json`` there; ``results.xml`` is what cocotb says of them (JUnit).
+
+    Parameters
+    ----------
+    seed:
+        cocotb's. Default: the environment's COCOTB_RANDOM_SEED, or another one in every run.
 
     Raises
     ------
@@ -203,14 +213,27 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
             hdl_toplevel_lang="verilog",
             build_dir=simulator.folder,
             test_dir=work,
+            seed=seed,
+            results_xml=str(work.resolve() / RESULTS),
             extra_env={"OPENBLAS_NUM_THREADS": "1"},
             log_file=log,
         )
     wall_s = time.monotonic() - begin
     if not result.exists():
         late = f"took longer than {limit_s:.0f} s" if wall_s >= limit_s else "failed"
-        raise SimulationError(f"the simulation {late} in {work}\n{_tail(log)}")
+        again = "" if seed is None else f" (COCOTB_RANDOM_SEED={seed})"
+        raise SimulationError(f"the simulation {late} in {work}{again}\n{_tail(log)}")
     return wall_s
+
+
+def join_results(work: Path) -> None:
+    """Write beside ``work`` the JUnit file of all cocotb runs in it, a suite for each, named by its folder."""
+    suites = ElementTree.Element("testsuites")
+    for file in sorted(work.rglob(RESULTS)):
+        for suite in ElementTree.parse(file).iter("testsuite"):
+            suite.set("name", str(file.parent.relative_to(work)))
+            suites.append(suite)
+    ElementTree.ElementTree(suites).write(work.with_name(RESULTS))
 
 
 def cached(root: Path, kind: str, described: Sequence[Any], make: Callable[[Path], None]) -> Path:

