@@ -10,7 +10,8 @@ from eskin.data.archive import load_archive
 from eskin.data.arrays import ARRAYS, tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import check_rate, understand
-from eskin.data.table import DataFrame, Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.parquet import is_lerobot, read_lerobot, read_parquet
+from eskin.data.table import DataFrame, Reading, Table, check_regular, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import scene_of, turn_recordings
 from eskin.extras import without_extra
@@ -23,7 +24,7 @@ KINDS = dict.fromkeys((*TEXT, ".parquet"), "text") | dict.fromkeys(ARRAYS, "arra
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
     "an .npz archive, a folder with sub-folders by class (.csv, .lvm, .parquet, .mat, .h5, .npy or logs), "
-    "a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, ROS bag) or the word synthetic"
+    "a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, ROS bag), a folder of LeRobot or the word synthetic"
 )
 OTHERS = dict.fromkeys(
     (".json", ".cbor"),
@@ -94,6 +95,9 @@ def _load(
 ) -> Recordings:
     if not path.exists():
         raise InputError(f"recordings '{path}': is not there; give {FORMS}")
+    if path.is_dir() and is_lerobot(path):
+        tables, reading = read_lerobot(path, reading)
+        return understand(tables, reading, config, str(path), of_one_file=True)
     if path.is_dir() and not is_log(path):
         return _folder(path, reading, config, progress)
     if path.suffix == ".npz":
@@ -135,7 +139,7 @@ def open_file(path: Path, reading: Reading, *, single: bool = False) -> list[Tab
         if is_log(path):
             return [read_log(path, reading, refuse)]
         if suffix == ".parquet":
-            return [_parquet(path, refuse)]
+            return [read_parquet(path, reading, refuse)]
         root = ARRAYS[suffix](path, refuse)
     except (InputError, ModuleNotFoundError):
         raise
@@ -146,22 +150,6 @@ def open_file(path: Path, reading: Reading, *, single: bool = False) -> list[Tab
             f"is damaged or no {suffix or 'log'} file ({type(error).__name__}); write it again, or try its own tools"
         )
     return tables_of(root, path, reading, refuse, single=single)
-
-
-def _parquet(path: Path, refuse: Refuse) -> Table:
-    from pyarrow import parquet
-
-    with parquet.ParquetFile(path) as file:
-        meta, schema = file.metadata, file.schema_arrow
-        groups = [meta.row_group(number).total_byte_size for number in range(meta.num_row_groups)]
-    check_unpacked(path, max(8 * meta.num_rows * meta.num_columns, sum(groups)), refuse)
-    texts = [each.name for each in schema if str(each.type).removeprefix("large_") in ("string", "binary")]
-    columns = parquet.read_table(path, read_dictionary=texts)
-    for name in texts:  # a long text that a dictionary holds once
-        for part in columns[name].chunks:
-            longest = max(map(len, filter(None, part.dictionary.to_pylist())), default=0)
-            check_unpacked(path, longest * len(part), refuse)
-    return table_of(columns.to_pandas(), f"'{path}'")
 
 
 # ---------------------------------------------------------------------- folders

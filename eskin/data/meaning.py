@@ -25,7 +25,9 @@ LEAST_STEPS = 16
 """Fewest frames for which the course of a column shows what it holds."""
 
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-_RECORDING = "recording recording_id rec rec_id record series series_id sequence_id sample_id".split()
+_RECORDING = (
+    "recording recording_id rec rec_id record series series_id sequence_id sample_id episode_index".split()
+)
 CLASS = "class label labels target class_name".split()
 _CLASS_TOO = "category material object texture surface gesture".split()
 """Column names that are the class if only one of them exists."""
@@ -152,8 +154,9 @@ class _Meaning:
 
     # ------------------------------------------------------------------ roles
     def _chosen(self) -> list[int]:
-        """The columns of --columns: each word a name, a number from 1, or a range of numbers such as 2-9."""
-        table, columns = self.table, []
+        """The columns of --columns, or those that the source says: each word a name, a number from 1, or a range of numbers such as 2-9."""
+        table = self.table
+        columns = [] if self.reading.columns else [*table.taxels]
         for word in self.reading.columns:
             match = re.fullmatch(r"(\d+)-(\d+)", word)
             if match and word not in table.names:

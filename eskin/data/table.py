@@ -56,9 +56,9 @@ class Table:
     are empty may be missing. width: the columns of the source. names: the header, empty without one. source: what it is
     called in messages, in quotation marks. path: the class's folder, levels between, file. attributes: values that hold
     for all rows. breaks: rows before which the source itself has a blank line or a new head. units: of each column.
-    clock: the time column, and grid: rows and columns of the taxels, where the source's form says them. class_names: the
-    classes in order, where the source lists them. parts, firsts: of several sources the tables, and the first row of
-    each; source, path and attributes are then the first table's.
+    clock: the time column, and grid: rows and columns of the taxels, where the source's form says them. taxels: their
+    columns, and class_names: the classes in order, where the source lists them. parts, firsts: of several sources the
+    tables, and the first row of each; source, path and attributes are then the first table's.
     """
 
     frame: DataFrame
@@ -76,6 +76,7 @@ class Table:
     notes: Names = ()
     width: int = 0
     grid: tuple[int, ...] = ()
+    taxels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "width", self.width or self.frame.shape[1])

@@ -10,7 +10,9 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from mcap.writer import Writer as McapWriter
+from pyarrow import parquet
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -103,9 +105,13 @@ def write_touches(signals: list[np.ndarray], labels: list[str], path: Path, off:
 def drawn_form(
     signals: list[np.ndarray], labels: list[str], folder: Path, rng: random.Random
 ) -> tuple[Path, Reading]:
-    """Recordings (frames, taxels) at 100 Hz in a form that a recorder may write, .lvm, nested HDF5 or a log with
-    two clocks, and what a user says of it."""
-    form = rng.choice(("lvm", "hdf5", "log"))
+    """Recordings (frames, taxels) at 100 Hz in a form that a recorder may write, .lvm, nested HDF5, a log with
+    two clocks or LeRobot's folder, and what a user says of it."""
+    form = rng.choice(("lvm", "hdf5", "log", "lerobot"))
+    if form == "lerobot":
+        given = {"files": rng.choice((1, 3)), "fixed": rng.random() < 0.5}
+        reading = Reading(samples="observation.touch", label=rng.choice((None, "task")))
+        return write_lerobot(signals, labels, folder / "set", **given), reading
     if form == "lvm":
         of_file = dict(
             clocks=rng.choice(("One", "No", "Multi")), comma=rng.random() < 0.5, runs_on=rng.random() < 0.5
@@ -129,6 +135,58 @@ def drawn_form(
     path = write_touches(signals, labels, folder / "a.mcap", off, zero, rng.choice((("sec", "nanosec"), ("secs", "nsecs"))),
                          stamped)  # fmt: skip
     return path, Reading(label="/touched", samples="/skin", clock=rng.choice(("log", "header")))
+
+
+def write_lerobot(
+    signals: list[np.ndarray],
+    labels: list[str],
+    folder: Path,
+    *,
+    files: int = 1,
+    fixed: bool = False,
+    **info: Any,
+) -> Path:
+    """Recordings (frames, taxels) or (frames, rows, columns) at 100 Hz as lerobot 0.4 writes them, version 3: lists
+    in Parquet, texts of tasks in an index. fixed: lists of a stated size. info: changes of info.json."""
+    tasks = sorted({*labels})
+    rows = [
+        pd.DataFrame(
+            {
+                "observation.touch": [row.tolist() for row in signal.astype(np.float32)],
+                "action": [[0.0, 0.0]] * len(signal),
+                "timestamp": np.arange(len(signal), dtype=np.float32) / 100,
+                "frame_index": np.arange(len(signal)),
+                "episode_index": episode,
+                "task_index": tasks.index(label),
+            }
+        )
+        for episode, (signal, label) in enumerate(zip(signals, labels, strict=True))
+    ]
+    (folder / "data/chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    for number, part in enumerate(np.array_split(np.arange(len(rows)), files)):
+        table = pa.Table.from_pandas(
+            pd.concat([rows[n] for n in part], ignore_index=True), preserve_index=False
+        )
+        if fixed:
+            touch = table["observation.touch"].cast(pa.list_(pa.float32(), signals[0].shape[1]))
+            table = table.set_column(0, "observation.touch", touch)
+        parquet.write_table(table, folder / f"data/chunk-000/file-{number:03d}.parquet")
+    pd.DataFrame({"task_index": range(len(tasks))}, index=tasks).to_parquet(folder / "meta/tasks.parquet")
+    touch = {"dtype": "float32", "shape": signals[0].shape[1:], "names": None}
+    features = {"observation.touch": touch, "action": {"dtype": "float32", "shape": [2], "names": ["x", "y"]}}
+    features |= {
+        "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+        "view": {"dtype": "video", "shape": [9, 9, 3]},
+    }
+    made = {
+        "codebase_version": "v3.0",
+        "total_frames": sum(map(len, signals)),
+        "fps": 100,
+        "features": features,
+    }
+    (folder / "meta/info.json").write_text(json.dumps(made | info))
+    return folder
 
 
 def write_hdf5(recordings: Recordings, path: Path) -> None:

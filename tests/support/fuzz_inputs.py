@@ -105,6 +105,7 @@ def make_corpus(folder: Path) -> Path:
     doors.write_trials(signals, labels, folder / "nested.h5", "{label}/trial{n}", on__person=lambda n: n // 2)
     doors.write_touches(signals, labels, folder / "clocks.mcap", off=-1.5, zero=3)
     doors.long_table(few).to_parquet(folder / "table.parquet")
+    doors.write_lerobot(signals, labels, folder / "lerobot", files=2)
     for plugin in StoragePlugin:
         doors.write_bag(few, folder / "bag", "tactile_msgs/msg/TactileState", plugin)
         next((folder / "bag").glob("bag.*")).rename(
@@ -355,6 +356,8 @@ READERS = {
     "nested.h5": CONVERTED,
     "clocks.mcap": LOG,
     "table.parquet": CONVERTED,
+    "lerobot": f"{CONVERTED}convert @ --out made.npz --samples observation.touch\n"
+    "convert @ --out made.npz --samples $ --class $ --rate #\ninspect @",
     "log.mcap": LOG,
     "log.db3": LOG,
     "log.bag": LOG,
