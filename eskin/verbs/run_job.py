@@ -59,7 +59,7 @@ from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs.cosim import cosimulate, one_of_each
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import by_lanes, cost_model
+from eskin.verbs.cost import by_lanes, cost_model, power_of
 from eskin.verbs.generate import generate_design
 from eskin.verbs.milestones import shown
 from eskin.verbs.parts import parts_of
@@ -248,6 +248,8 @@ class _Steps:
             lowest = outcomes["cosim_lowest"]
             nested = training["cross_validation"][0].get("nested") or {}
             record |= {"front_end": training.get("front_end"), **nested.get("disturbed", {})}
+            power = power_of(config)
+            record |= {"average_w": power.average_w, "power": power.model_dump()}
             record["lowest_clock_hz"] = lowest.clock_hz if lowest and lowest.passed else None
         write_json(result / RESULT_MARK, record)
         return record

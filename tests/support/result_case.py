@@ -16,6 +16,7 @@ from eskin.training.made_up import random_recordings
 from eskin.training.quantise import profile, range_records
 from eskin.training.stage_error import LogitError
 from eskin.training.times import step_times
+from eskin.verbs.cost import power_of
 from eskin.verbs.parts import parts_of
 from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.small_designs import TRACKED
@@ -205,6 +206,7 @@ def make_result(folder: Path) -> Path:
         "passed": True,
         "lowest_clock_hz": 711e3,
         "checks": [{"name": "hardware equals model", "held": True, "detail": "0 mismatches"}],
+        "power": power_of(model.config).model_dump(),
         "parts": [row.model_dump() for row in parts_of(model)],
         "timings": [{"stage": "training", "wall_s": 12.3, "cached": False}],
         "wall_s": 20.0,

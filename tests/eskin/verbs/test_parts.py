@@ -35,6 +35,8 @@ def test_every_part_has_a_row_of_figures_that_exist(kind):
     ice, ecp, gowin, *processors = rows.values()
     price = cost.cost_of(model.config)
     assert (ice.cells, ice.latency_s, ice.average_w) == (price.cells, price.latency_s, price.average_w)
+    if not model.config.is_image:
+        assert cost.power_of(model.config).average_w == pytest.approx(price.average_w, rel=1e-12)
     assert (ice.fits, ecp.fits) == ((None, None) if kind == "images" else (True, True))
     assert ecp.average_w > ice.average_w
     assert gowin.fits is gowin.cells is gowin.average_w is None and gowin.latency_s > 0

@@ -152,6 +152,7 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     assert record["passed"] and record == json.loads((out / "run.json").read_text())
     assert record["cosimulated"] == list(range(12)) and record["lowest_clock_hz"] == 711e3
+    assert record["average_w"] == record["power"]["average_w"] > record["power"]["waiting_w"] > 0
     stages = [timing["stage"] for timing in record["timings"]]
     assert stages[:4] == ["training", "quantisation", "evaluation", "other classifiers"]
     assert stages[4:] == ["Verilog", "co-simulation", "pace of the sensor", "lowest clock"]
