@@ -45,6 +45,7 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.core.converters import sample_clock
+from eskin.golden.model import load_training
 from eskin.memo import Memo, code_version
 from eskin.rtl.common import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -116,6 +117,8 @@ def command(request: BoardRequest) -> None:
         lanes_asked=lanes is not None,
         seeds=request.seeds,
     )
+    if design.standalone and not design.awake:
+        refuse_rate_not_held(request.model)
     try:
         with progress_bars() as report:
             result, bitstream, netlist, files = build(design, report)
@@ -129,6 +132,29 @@ def command(request: BoardRequest) -> None:
     show("build", **result, block_rows=block_rows(result), in_words=in_words, folder=folder)
     if not result["clock_met"]:
         stop(clock_sentence(result), 1)
+
+
+RATE_MODE = "wrong sample rate"
+
+
+def refuse_rate_not_held(folder: Path) -> None:
+    """Refuse a model that is known not to hold another rate: the part's own oscillators are off by up to
+    `standby.TOLERANCE`.
+
+    Raises
+    ------
+    InputError
+        Training has judged the mode, at a smaller error, and its figure is below the bound.
+    """
+    (first, *_) = load_training(folder).get("cross_validation") or [{}]
+    disturbed = (first.get("nested") or {}).get("disturbed") or {}
+    for row in disturbed.get("stress", []):
+        if row["mode"] == RATE_MODE and not row["held"]:
+            raise InputError(
+                f"`standalone`: the part's own oscillator is off by up to {100 * standby.TOLERANCE:g} %, and '{folder}' does "
+                f"not hold a {RATE_MODE} ({100 * row['figure']:.1f} % where {100 * row['bound']:.1f} % are asked, on unseen "
+                f"recordings); train with --stress FILE, in which {RATE_MODE} weighs more, or use a board with a clock"
+            )
 
 
 CACHE = Path("build/implementations")
