@@ -28,7 +28,7 @@ from eskin.cli import main as command_line
 from eskin.cli.common import VERBS
 from eskin.data import load_recordings, turns
 from eskin.data.archive import save_archive
-from eskin.golden.core import AcceleratorConfig, QFormat
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, QFormat
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
@@ -46,7 +46,7 @@ WIDE = {"state_format": QFormat(4, 12)}
 KINDS: dict[str, dict[str, Any]] = {
     "linear": {
         "cell": "linear",
-        "feature_kinds": ("mean", "activity", "integral"),
+        "feature_kinds": FEATURE_KINDS,
         "feature_scale": "taxel",
         "decision": "last",
     },

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eskin.golden.core import (
+    EXTREMES,
     PREFIX,
     AcceleratorConfig,
     InputError,
@@ -127,8 +128,10 @@ def _wide(config: AcceleratorConfig) -> str:
 def _frame_values(config: AcceleratorConfig) -> Record:
     """Values of the templates beside the configuration (``c``) and its fields.
 
-    hop_sums: sums that are added up hop by hop, ``depth`` hops of it. total: of a touch so far. ring: frames of deviations that are held. moves:
-    activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are types and terms.
+    hop_sums: sums that are added up hop by hop, ``depth`` hops of it. total, extremes: of a touch so far. hop_extremes: the
+    latter hop by hop, too. of_touch: names of a touch's values, and of those of a hop that they begin with. ring: frames of
+    deviations that are held. moves: activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are
+    types and terms.
     """
     rule, windows, kinds = config.onset_rule, config.windows, config.features.feature_kinds
     faults, touch_mode = config.faults.fault_frames, windows.window_mode == "touch"
@@ -138,6 +141,7 @@ def _frame_values(config: AcceleratorConfig) -> Record:
     depth = max((end - 1) // windows.hop - k + 1 for k, end in enumerate(ends)) if touch_mode else 2
     depth = config.stored_sums if follows else depth
     early = not touch_mode and not config.opens_at_once  # frames before the gate opens count
+    extremes = [kind for kind in EXTREMES if kind in kinds]
     mean_needed = "mean" in kinds or (integral and (early or follows))
     masked, limit = bool(config.sensor.masked_taxels), rule.onset_threshold * rule.onset_mean_frames
     flagged = f"s->flag_age[i]{' > (uint16_t)back' if ring > 1 else ''}"
@@ -147,6 +151,9 @@ def _frame_values(config: AcceleratorConfig) -> Record:
         "hop_sums": [*["mean"] * mean_needed, *["activity"] * activity],
         "integral": integral,
         "total": integral and not follows,
+        "extremes": extremes,
+        "hop_extremes": early or follows,
+        "of_touch": [*[("total", "mean")] * integral, *((kind, f"{kind}_of") for kind in extremes)],
         "follows": follows,
         "activity": activity,
         "moves": activity and config.features.activity_rule == "change",

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import EXTREMES, AcceleratorConfig
 from eskin.golden.model import real_by_input
 from eskin.training.datasets import Dataset, scaling
-from eskin.training.linear_fit import COMMON, DRIFT, OFFSET
+from eskin.training.linear_fit import COMMON, DRIFT, LEVELS, OFFSET, level_kind
 from eskin.training.recipe import Recipe
 
 FAULTY_WINDOWS = 3
@@ -60,7 +60,7 @@ class Batches:
         self._live = (~torch.tensor(config.input_mask)).float()
         kind_of = [config.features.feature_kinds[kind] for kind in config.input_kinds]
         self._level, self._integral = (
-            torch.tensor([kind == name for kind in kind_of]) for name in ("mean", "integral")
+            torch.tensor([kind in names for kind in kind_of]) for names in (LEVELS, ("integral",))
         )
         self._labels = torch.tensor(data.labels[data.touches.recording])
         self._ends = torch.tensor(data.ends)
@@ -136,8 +136,7 @@ class Batches:
         steps = self._config.windows.steps
         time = (torch.arange(steps) + 0.5)[:, None] / steps
         off = torch.arange(taxels) == torch.randint(taxels, (*touch, 1, 1), generator=generator)
-        mean = self._config.features.feature_kinds.index("mean") if self._level.any() else 0
-        unit = self._sigma[..., mean :: self._config.kinds].amax(-1, keepdim=True)
+        unit = self._sigma[..., level_kind(self._config) :: self._config.kinds].amax(-1, keepdim=True)
         return unit * (OFFSET * one * off + COMMON * all_together + DRIFT * drift * time)
 
     def _lost(self, of_taxel: torch.Size) -> torch.Tensor:
@@ -155,6 +154,8 @@ class Batches:
         for kind in features.feature_kinds:
             if kind == "mean":
                 values.append(level)
+            elif kind in EXTREMES:  # a taxel has been at rest before
+                values.append(level.clamp(**{"min" if kind == "highest" else "max": 0.0}))
             elif kind == "activity":  # a stuck taxel does not change
                 values.append(level.abs() * features.activity_block * (features.activity_rule == "sum"))
             else:

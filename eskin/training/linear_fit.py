@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import EXTREMES, AcceleratorConfig
 from eskin.golden.model import real_by_input
 
 MOST_ITERATIONS = 300
@@ -200,6 +200,8 @@ OVERLAP, OVERLAP_AFTER = 0.1, 0.7
 """Share of the touches that are fitted with the beginning of another one over their windows from there on."""
 OFFSET, COMMON, DRIFT = 0.3, 0.06, 0.1
 """Variances of an offset of one taxel, of all together and of their drift in a touch, in variances of the means."""
+LEVELS = ("mean", *EXTREMES)
+"""Kinds of feature that an offset of a taxel moves by itself."""
 SPIKED = 0.02
 """Share of the samples that are fitted as beyond the clip."""
 SMOOTH = 0.1
@@ -207,6 +209,12 @@ SMOOTH = 0.1
 
 
 Moments = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def level_kind(config: AcceleratorConfig) -> int:
+    """Place in ``feature_kinds`` of the first one that an offset moves by itself; 0 where there is none."""
+    kinds = config.features.feature_kinds
+    return next((number for number, kind in enumerate(kinds) if kind in LEVELS), 0)
 
 
 def fit_sturdy(
@@ -287,10 +295,11 @@ def fit_sturdy(
     # what one deviation of the means does to each input
     slopes = np.zeros_like(features)
     kind_of = np.arange(width) % kinds
-    of_mean = sigma[kind_of == 0].max() if "mean" in config.features.feature_kinds else 1.0
+    of_level = {*LEVELS} & {*config.features.feature_kinds}
+    of_mean = sigma[kind_of == level_kind(config)].max() if of_level else 1.0
     for kind, name in enumerate(config.features.feature_kinds):
         columns = kind_of == kind
-        if name == "mean":
+        if name in LEVELS:
             slopes[..., columns] = of_mean / sigma[columns]
         elif name == "integral":
             real = np.abs(features[..., columns] * sigma[columns] + mu[columns])
@@ -305,10 +314,12 @@ def fit_sturdy(
     penalty += COMMON * common + DRIFT * drift.T @ drift / touches
     unit = max(float(x.var(axis=0).sum()), 1e-12)
     noise = np.full(len(centred), SMOOTH * unit / touches)
-    if config.rest_level.clip and "mean" in config.features.feature_kinds:
-        clipped = config.rest_level.clip / np.where(kind_of == 0, sigma, np.inf)
-        of_window = config.window_lengths[-1] if config.follows_touch else config.windows.window
-        noise += SPIKED * by_taxel(clipped**2) / of_window
+    if config.rest_level.clip:
+        # a window's mean loses one of its frames; an extreme is lost where a spike of its sign is likely in a touch
+        frames_of = dict.fromkeys(EXTREMES, max(SPIKED, 2 / config.last_frame))
+        frames_of["mean"] = config.window_lengths[-1] if config.follows_touch else config.windows.window
+        spread = np.array([frames_of.get(kind, np.inf) for kind in config.features.feature_kinds])[kind_of]
+        noise += SPIKED * by_taxel((config.rest_level.clip / sigma) ** 2) / by_taxel(spread)
     penalty[np.diag_indices_from(penalty)] += noise
     weights = solve(centred + strength * penalty, targets - np.outer(moments, share), assume_a="pos")
     bias = share - moments @ weights

@@ -278,7 +278,7 @@ class IntegerNetwork(torch.nn.Module):
             for name in ("mean", "scale")
         )
         shift = 2.0 ** -torch.tensor(shifts_by_input(config)[lengths]).double()
-        centred = torch.floor((sums - mean) * shift).clamp(
+        centred = torch.floor((sums - mean * 2.0**-config.mean_frac) * shift).clamp(
             config.centred_format.min_code, config.centred_format.max_code
         )
         centred[..., list(config.input_mask)] = 0.0

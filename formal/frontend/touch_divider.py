@@ -24,8 +24,8 @@ REDUCED = (
 )
 
 
-def _touch(m: Module, last: int) -> None:
-    dut = placed(TouchDivider(CONFIG))
+def _touch(m: Module, last: int, kind: str = "mean") -> None:
+    dut, summed = placed(TouchDivider(CONFIG.replace(feature_kinds=(kind,)))), kind == "mean"
     marked, loud = (any_number(range(last + 1), name) for name in ("marked", "loud"))
     flushed = any_number(1, "flushed")
     assume((marked > 0) & (marked <= last) & (loud <= last))
@@ -56,9 +56,10 @@ def _touch(m: Module, last: int) -> None:
     m.d.sync += windows.eq(windows + dut.o.valid)
     first = Mux(windows[0] & (counts > 1), counts >> 1, 0)
     end = Mux((counts > 1) & ~windows[0], counts >> 1, counts)
-    within = (at >= first) & (at < end)
+    within = ((at >= first) | (not summed)) & (at < end)
+    value = VALUE >> doublings if summed else VALUE
     prove(~dut.o.valid | (windows < 2), "no window but these")
-    prove(~dut.o.valid | (~dut.o.p.complement == Mux(within, VALUE >> doublings, 0)), "in one sum")
+    prove(~dut.o.valid | (~dut.o.p.complement == Mux(within, value, 0)), "in one sum, or the largest")
     prove(~dut.o.valid | (dut.o.p.length == end - first - 1), "sums of a window")
     prove(~dut.o.valid | (dut.o.p.final == windows[0]), "in order")
     age = Signal(range(LEAVES + 2))
@@ -107,6 +108,20 @@ def filled(m: Module) -> None:
 )
 def doubled(m: Module) -> None:
     _touch(m, 7)
+
+
+@proof(
+    "a window's highest value is that of the frames up to its last sum, also where the hop doubles",
+    method="bounded",
+    depth=65,
+    reduced=REDUCED.format(7),
+    bugs=(
+        Bug("a neighbour's is lost", "(~adds & first | farther)", "(~adds & first)"),
+        Bug("of this window alone", "Mux(of_touch, 0, start)", "start"),
+    ),
+)
+def highest(m: Module) -> None:
+    _touch(m, 7, "highest")
 
 
 @proof(

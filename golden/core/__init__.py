@@ -21,6 +21,6 @@ from eskin.golden.core.files import (
     write_json,
 )
 from eskin.golden.core.formats import QFormat, clamp, narrow, signed_bits
-from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.core.groups import EXTREMES, FEATURE_KINDS, SUMMED
 from eskin.golden.core.images import NETWORKS, Conv, Dense, Pool
 from eskin.golden.core.types import Arrays, Progress, Record

@@ -576,35 +576,38 @@ class AcceleratorConfig:
         # 1 + |d| / 2**knee is at most twice the larger of 1 and |d| / 2**knee
         return max(self.integral_bits - self.features.integral_knee, 1) << self.features.integral_frac
 
+    def _value_bits(self, frames: int) -> int:
+        """Bits of any kind's value of so many frames."""
+        bounds = {
+            "mean": frames * self.deviation_bound,
+            # rounded up: blocks that do not fill the window are refused later, with this width in use
+            "activity": -(-frames // self.features.activity_block) * self.block_bound,
+            "integral": self.integral_limit,
+        }
+        return signed_bits(
+            max(bounds.get(kind, self.deviation_bound) for kind in self.features.feature_kinds)
+        )
+
     @cached_property
     def beat_bits(self) -> int:
-        """Bits of one contribution to a window, for one input: a deviation, a block's activity or a companded
-        integral."""
-        bounds = {"mean": self.deviation_bound, "activity": self.block_bound, "integral": self.integral_limit}
-        return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
+        """Bits of one contribution to a window, for one input: a deviation, a block's activity, a companded
+        integral or an extreme."""
+        return self._value_bits(1)
 
     @cached_property
     def sum_bits(self) -> int:
         """Bits of a window's value for one input: a mean is at most window times deviation_bound, an activity
-        blocks times block_bound."""
-        longest = self.window_lengths[-1] if self.follows_touch else self.windows.window
-        bounds = {
-            "mean": longest * self.deviation_bound,
-            # rounded up: blocks that do not fill the window are refused later, with this width in use
-            "activity": -(-longest // self.features.activity_block) * self.block_bound,
-            "integral": self.integral_limit,
-        }
-        return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
+        blocks times block_bound, an extreme deviation_bound."""
+        return self._value_bits(self.window_lengths[-1] if self.follows_touch else self.windows.window)
 
     def feature_unit(self, length: int, kind: str) -> float:
         """Divisor from a window's value to the feature before scaling.
 
         Mean: frames of a window of ``length``; activity: its blocks; integral: 2 to the
-        power of its fraction bits.
+        power of its fraction bits; extremes: 1.
         """
-        if kind == "integral":
-            return 2.0**self.features.integral_frac
-        return float(length) if kind == "mean" else length / self.features.activity_block
+        units = {"mean": length, "activity": length / self.features.activity_block}
+        return float(units.get(kind, 2.0**self.features.integral_frac if kind == "integral" else 1.0))
 
     @property
     def feature_units(self) -> tuple[float, ...]:

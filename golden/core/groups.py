@@ -19,12 +19,15 @@ from eskin.golden.core.images import Stage, layer_stages, parse_layer
 Rest = Literal["none", "tracked", "initial"]
 OnsetRule = Literal["band", "baseline", "immediate"]
 WindowMode = Literal["touch", "free", "whole"]
-FeatureKind = Literal["mean", "activity", "integral"]
+FeatureKind = Literal["mean", "activity", "integral", "highest", "lowest"]
 ActivityRule = Literal["sum", "change"]
 FeatureScale = Literal["array", "taxel"]
 
 FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
 """Kinds of value that a window gives per taxel, in the order of the features."""
+SUMMED: tuple[str, ...] = ("mean", "activity")
+"""Kinds that a window adds up; a value of the others goes back to the touch's first frame."""
+EXTREMES: tuple[str, ...] = ("highest", "lowest")
 MOST_CLASSES = 128
 """Highest number of classes of a classifier."""
 Cell = Literal["gru", "lstm", "linear", "image"]
@@ -252,7 +255,8 @@ class Features(Group):
     """The features that the network reads.
 
     - feature_kinds: the values of each taxel in a window, any of ``mean`` (sum of its deviations), ``activity`` (how much they
-      move in the window) and ``integral`` (their sum since the start of the touch's first window, companded), in this order.
+      move in the window), and since the start of the touch's first window ``integral`` (their sum, companded), ``highest`` and
+      ``lowest`` (the largest and the least of them), in this order.
     - activity_rule: activity is the sum over blocks of activity_block frames of the absolute block ``sum``, or of the absolute
       ``change`` from the block before.
     - integral_knee, integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with its sign, linear between

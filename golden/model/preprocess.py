@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, InputError, clamp, narrow
+from eskin.golden.core import EXTREMES, AcceleratorConfig, InputError, clamp, narrow
 from eskin.golden.data import Recordings
 
 BATCH_SAMPLES = 1 << 22
@@ -251,7 +251,7 @@ def real_features(
     config: AcceleratorConfig, sums: np.ndarray, lengths: np.ndarray | None = None
 ) -> np.ndarray:
     """Features before mu and sigma, from which the network learns, float64, shape of ``sums`` (..., K, D):
-    means and mean activities of a block in codes; integrals as logarithms. Masked taxels are
+    means, mean activities of a block and extremes in codes; integrals as logarithms. Masked taxels are
     included. lengths: `Touches.lengths`."""
     if lengths is None:  # later windows are as long as the first
         known = config.length_index
@@ -366,6 +366,9 @@ def window_values(
             sums = total[ends[:, 1]] - total[ends[:, 0] - 1] >> doublings
         elif kind == "integral":
             sums = companded(total[ends[:, 1]], config.features.integral_knee, config.features.integral_frac)
+        elif kind in EXTREMES:
+            extreme = np.maximum if kind == "highest" else np.minimum
+            sums = extreme.accumulate(touch)[ends[:, 1] - 1]
         else:
             block = config.features.activity_block
             amounts = _running(_block_activity(config, deviations, start))

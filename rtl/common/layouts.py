@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Const, Mux, Value, signed, unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import SUMMED, AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
 from eskin.rtl.common.ports import struct
 
@@ -58,8 +58,8 @@ def expands(config: AcceleratorConfig) -> bool:
 
 def stored(config: AcceleratorConfig) -> AcceleratorConfig:
     """``config`` with the kinds of feature that the store of ``window_mode`` whole adds up: an integral is made of
-    means, and a mean comes in every frame."""
-    kinds = tuple(kind for kind in ("mean", "activity") if kind in ("mean", *config.features.feature_kinds))
+    means, extremes lie beside them, and a mean comes in every frame."""
+    kinds = tuple(kind for kind in SUMMED if kind in ("mean", *config.features.feature_kinds))
     return config.replace(feature_kinds=kinds, feature_shift=(), aligned_means=False)
 
 
@@ -78,7 +78,7 @@ def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
     feature.
 
     Each taxel sends the kinds that have a value in this frame, in order: the mean in every frame,
-    activity where a block ends (``block_last``), an integral with ``emit``. So they are the first of
+    activity where a block ends (``block_last``), an integral or an extreme with ``emit``. So they are the first of
     ``feature_kinds``: a window consists of whole blocks.
     """
     members = {name: field.shape for name, field in window_layout(config)}

@@ -1,11 +1,13 @@
 """Feature expander: one deviation becomes one beat for each kind of feature (docs/specification.md, section
 2)."""
 
+from typing import Any
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream
 from amaranth.lib.memory import Memory
 
-from eskin.golden.core import AcceleratorConfig, signed_bits
+from eskin.golden.core import EXTREMES, SUMMED, AcceleratorConfig, signed_bits
 from eskin.rtl.common import (
     NO_COLLISION,
     Block,
@@ -22,8 +24,16 @@ from eskin.rtl.common import (
 )
 from eskin.rtl.program.timing import STATE_BEATS
 
-SLOTS = {"mean": 0, "activity": 1, "integral": 2}
-"""Cycle, counted from the cycle that sees a deviation, in which the beat of each kind is made."""
+EARLIEST = {"mean": 0, "activity": 1, "integral": 2, "highest": 1, "lowest": 1}
+"""First cycle, counted from the cycle that sees a deviation, in which the beat of each kind can be made."""
+
+
+def slots_of(config: AcceleratorConfig) -> dict[str, int]:
+    """The cycle in which the beat of each kind is made: one after the other."""
+    slots: dict[str, int] = {}
+    for kind in config.features.feature_kinds:
+        slots[kind] = max([EARLIEST[kind], *(slot + 1 for slot in slots.values())])
+    return slots
 
 
 class FeatureExpander(Block):
@@ -39,10 +49,11 @@ class FeatureExpander(Block):
       In mode free, S falls back to the sum C of the previous hop with every hop that begins outside a touch,
       so at an onset it covers what the first window has seen. (A touch continues after a frame with ``emit``
       but without ``end``.)
+    - ``highest``, ``lowest``: the extreme of these deviations, in these frames, and begun like S.
 
     State is written by the first beats of a recording or touch before it is used, whatever was in the memory.
     Bounds: |s| <= B times ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``;
-    |S| <= ``integral_bound``: a touch has ``last_frame`` frames from its first window on, and with no touch S
+    an extreme is a deviation; |S| <= ``integral_bound``: a touch has ``last_frame`` frames from its first window on, and with no touch S
     spans two hops at most. (Opens at once: S runs on beyond the touch, and wraps, but no window takes it
     then.)
 
@@ -64,10 +75,10 @@ class FeatureExpander(Block):
 
     Timing
     ------
-    A deviation takes a cycle while ``o`` is taken, or as many as the slot (``SLOTS``) of the last kind that
+    A deviation takes a cycle while ``o`` is taken, or as many as the slot (``slots_of``) of the last kind that
     comes asks for. The beat of each kind is offered in the cycle after its slot: the mean 1 cycle after the
-    deviation was seen, activity 2, the integral 3. After each frame of fewer than 3 taxels the state is read
-    again: 3 - taxels cycles (``frame_gap``).
+    deviation was seen, activity 2, the integral 3, an extreme 2 or one after the kind before it. After each
+    frame of fewer than 3 taxels the state is read again: 3 - taxels cycles (``frame_gap``).
     """
 
     def ports(self, config: AcceleratorConfig):
@@ -79,7 +90,8 @@ class FeatureExpander(Block):
         config, m = self.spec, Module()
         kinds = config.features.feature_kinds
         taxel = Signal(range(config.sensor.taxels))
-        slot = Signal(range(1 + max(1, *(SLOTS[kind] for kind in kinds))))
+        slot_of = slots_of(config)
+        slot = Signal(range(1 + max(1, *slot_of.values())))
         advance = Signal()
         step = Signal()
         last_slot = Signal()
@@ -147,21 +159,32 @@ class FeatureExpander(Block):
                 else:
                     next_state["change"] = deviation - old
                 compares = ~lone
-        if "integral" in kinds:
-            total = keep("total", config.integral_bits)
-            begins_from = total
-            if config.windows.window_mode == "free" and not config.opens_at_once:
-                hop_first = Signal(init=1)
-                falls = Signal(init=1)
-                with m.If(frame_taken):
-                    m.d.sync += [
-                        hop_first.eq(self.i.p.hop_last),
-                        falls.eq(self.i.p.hop_last & ~(self.i.p.emit & ~self.i.p.end)),
-                    ]
-                of_hop = keep("hop", signed_bits(config.windows.hop * bound))
-                next_state["hop"] = Mux(hop_first, 0, of_hop) + deviation
-                begins_from = Mux(falls, of_hop, total)
-            next_state["total"] = Mux(first, 0, begins_from) + deviation
+        falls_back = config.windows.window_mode == "free" and not config.opens_at_once
+        if falls_back and not set(kinds) <= set(SUMMED):
+            hop_first = Signal(init=1)
+            falls = Signal(init=1)
+            with m.If(frame_taken):
+                m.d.sync += [
+                    hop_first.eq(self.i.p.hop_last),
+                    falls.eq(self.i.p.hop_last & ~(self.i.p.emit & ~self.i.p.end)),
+                ]
+        joins: dict[str, Any] = {  # the value with this deviation; without: there is none before
+            "total": lambda without, before: Mux(without, 0, before) + deviation,
+            "highest": lambda without, before: Mux(without | (deviation > before), deviation, before),
+            "lowest": lambda without, before: Mux(without | (deviation < before), deviation, before),
+        }
+        wide, narrow = config.integral_bits, signed_bits(bound)
+        of_touch = (
+            {"total": (wide, "hop", signed_bits(config.windows.hop * bound))} if "integral" in kinds else {}
+        )
+        of_touch |= {kind: (narrow, f"{kind}_of_hop", narrow) for kind in EXTREMES if kind in kinds}
+        for name, (bits, hop_name, hop_bits) in of_touch.items():
+            begins_from = keep(name, bits)
+            if falls_back:
+                of_hop = keep(hop_name, hop_bits)
+                next_state[hop_name] = joins[name](hop_first, of_hop)
+                begins_from = Mux(falls, of_hop, begins_from)
+            next_state[name] = joins[name](first, begins_from)
         widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in next_state else {})
         start = {
             name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in next_state
@@ -215,15 +238,16 @@ class FeatureExpander(Block):
             size = Signal(config.beat_bits - 1)
             logarithm(m, size, biased, config.features.integral_knee, config.features.integral_frac)
             complement["integral"] = Mux(below, size - 1, ~Cat(size, Const(0, 1)))
+        complement |= {kind: ~start[kind] for kind in EXTREMES if kind in kinds}
         # the last slot belongs to the last kind that comes; a frame in which none does takes one
         marks = [name for name, _ in window_layout(config) if name != "complement"]
         beat = Signal(beat_layout(config))
         m.d.comb += [beat.block_last.eq(block_last), *(beat[name].eq(self.i.p[name]) for name in marks)]
         made_now, slots = Const(0, 1), Const(0, len(slot))
         for kind in kinds:
-            made_now |= (slot == SLOTS[kind]) & comes(kind, beat)
-            slots = Mux(comes(kind, beat), SLOTS[kind], slots)
-            with m.If(slot == SLOTS[kind]):
+            made_now |= (slot == slot_of[kind]) & comes(kind, beat)
+            slots = Mux(comes(kind, beat), slot_of[kind], slots)
+            with m.If(slot == slot_of[kind]):
                 m.d.comb += beat.complement.eq(complement[kind])
         m.d.comb += last_slot.eq(slot == slots)
         with m.If(advance):

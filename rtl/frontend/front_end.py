@@ -67,7 +67,7 @@ class FrontEnd(wiring.Component):
     Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency +
     3 cycles (windows 1, the read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more
     where a window of 2 hop + 1 ends, and the frames that the ring is behind. The expander takes 1 more
-    (``mean``), 2 or 3 (``integral`` alone). An input takes 2 cycles, in a frame that ends a
+    (``mean``), 2 (an extreme alone) or 3 (``integral`` alone). An input takes 2 cycles, in a frame that ends a
     window 3, or 4 where windows have 2 hop + 1 frames, and one more where means differ from input to input;
     see also the waits that the parts name.
     """

@@ -3,7 +3,7 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import enum, stream
 
-from eskin.golden.core import AcceleratorConfig, signed_bits
+from eskin.golden.core import EXTREMES, AcceleratorConfig, signed_bits
 from eskin.rtl.common import (
     Block,
     beat_layout,
@@ -49,6 +49,9 @@ class TouchDivider(Block):
     2 i and 2 i + 1 become sum i, taxel by taxel. Windows are made of the sums that count, window by window and
     taxel by taxel. Deviations come as complements and sums leave as complements, as in `WindowAverager`.
 
+    The extremes of a hop lie in the word of its mean, with a comparison each beside the adder: they take no
+    cycle of a frame. A window's are those of the sums up to its last one.
+
     Parameters
     ----------
     config:
@@ -92,7 +95,10 @@ class TouchDivider(Block):
         bits = signed_bits(windows.store_per_window * word_bound)
         if "integral" in kinds:
             bits = max(bits, config.integral_bits)
-        read, write = working_memory(m, "store", unsigned(signed_bits(word_bound)), (sums + 1) * words)
+        sum_bits, extremes = (signed_bits(word_bound), [kind for kind in EXTREMES if kind in kinds])
+        width = signed_bits(config.deviation_bound)  # of an extreme
+        stored_bits = sum_bits + width * len(extremes)
+        read, write = working_memory(m, "store", unsigned(stored_bits), (sums + 1) * words)
         m.submodules.adder = adder = RegisteredAdder(config, bits, carry=1)
         total = adder.total
         doing = self.doing = Signal(Doing)
@@ -147,10 +153,20 @@ class TouchDivider(Block):
             adder,
             step=adds | arrived,
             alone=adds & Mux(second_kind, begins_block, begins),
-            word=read.data.as_signed(),
+            word=read.data[:sum_bits].as_signed(),
             addend=Mux(adds, self.i.p.complement, total | first.replicate(bits).as_signed()),
         )
-        drive(m, write, addr=goes_to, data=total, en=unwritten)
+        farthest = {}  # complements: the highest deviation has the least
+        for number, name in enumerate(extremes):
+            word = read.data[sum_bits:].word_select(number, width).as_signed()
+            farthest[name] = extreme = Signal(signed(width), name=name, reset_less=True)
+            other = Signal(signed(width), name=f"{name}_joined")
+            m.d.comb += other.eq(Mux(adds, self.i.p.complement, extreme))
+            farther = word < other if name == "highest" else word > other
+            with m.If(adder.step):
+                m.d.sync += extreme.eq(Mux(~adder.alone & (~adds & first | farther), word, other))
+        data = Cat(total[:sum_bits], *farthest.values()) if extremes else total
+        drive(m, write, addr=goes_to, data=data, en=unwritten)
         halves = arrived & ~first & (doing == Doing.HALVE)
         m.d.sync += [
             fetched.eq(~reads & Mux(adds, not small, fetched | fetch)),
@@ -227,6 +243,9 @@ class TouchDivider(Block):
         if len(kinds) > 1:
             m.d.comb += self.o.p.kind.eq(kind)
         is_integral = kind == kinds.index("integral") if "integral" in kinds else Const(0, 1)
+        of_touch = is_integral  # since its first frame
+        for name in extremes:
+            of_touch |= kind == kinds.index(name)
         is_activity = kind == kinds.index("activity") if "activity" in kinds else Const(0, 1)
         with m.If(reads & ~second):
             m.d.sync += address.eq(address + words)
@@ -254,17 +273,16 @@ class TouchDivider(Block):
                     # the last sum again: it begins where the window before did
                     m.d.sync += [hops.eq(Mux(few, 1, hops)), doing.eq(Doing.BEAT)]
             with m.Case(Doing.BEAT), m.If(adds | ~(self.i.valid & self.i.p.touch & ~hop_last)):
-                m.d.sync += [todo.eq(Mux(is_integral, up_to, hops)), first.eq(1), doing.eq(Doing.READ)]
-                m.d.sync += address.eq(Mux(is_integral, 0, start) + offset + is_activity)
+                m.d.sync += [todo.eq(Mux(of_touch, up_to, hops)), first.eq(1), doing.eq(Doing.READ)]
+                m.d.sync += address.eq(Mux(of_touch, 0, start) + offset + is_activity)
             with m.Case(Doing.READ):
                 with m.If(reads):
                     m.d.sync += todo.eq(todo - 1)
                 with m.Elif(~arrived):
-                    m.d.sync += [
-                        result.eq(total),
-                        left.eq(Mux(is_integral, 0, shifts)),
-                        doing.eq(Doing.SHIFT),
-                    ]
+                    m.d.sync += [result.eq(total), left.eq(Mux(of_touch, 0, shifts)), doing.eq(Doing.SHIFT)]
+                    for name in extremes:
+                        with m.If(kind == kinds.index(name)):
+                            m.d.sync += result.eq(farthest[name])
             with m.Case(Doing.SHIFT):
                 m.d.sync += left.eq(left >> 1)
                 with m.If(left[0]):

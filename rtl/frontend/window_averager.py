@@ -4,7 +4,7 @@ sums)."""
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import enum, stream
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import SUMMED, AcceleratorConfig
 from eskin.rtl.common import (
     Block,
     beat_layout,
@@ -48,8 +48,8 @@ class WindowAverager(Block):
     (2 hop frames: one more operation), or with the first frame of the next hop (2 hop + 1: two more, and the
     sum of the hop that begins takes the bank that was just read). A clipped window ends with frame
     ``touch_frames``; if several end with it, all but the first are read out in passes that take no beat.
-    Integrals (`eskin.rtl.frontend.feature_expander`) are not added up: a window has the value of its last
-    frame.
+    Integrals and extremes (`eskin.rtl.frontend.feature_expander`) are not added up: a window has the value of
+    its last frame.
 
     Deviations come as complements and sums leave as complements: ``~(d + e) = ~d - e = ~d + ~e + 1``, so that
     neither this adder nor the normaliser's needs an inverter.
@@ -150,15 +150,15 @@ class WindowAverager(Block):
         ]
         for name in kinds:
             over = pass_ends & (comes(name, self.i.p) if expands(config) else 1)
-            m.d.comb += begins_next[name].eq((begins[name] & ~over) | turns | (name == "integral"))
+            m.d.comb += begins_next[name].eq((begins[name] & ~over) | turns | (name not in SUMMED))
             with m.If(step):
                 m.d.sync += begins[name].eq(begins_next[name])
-        # the next operation takes nothing from the memory: a hop's first, or an integral, which no hop adds to
+        # the next operation takes nothing from the memory: a hop's first, or a kind that no hop adds to
         alone = Signal(init=1)
         alone_next = Const(0, 1)
         for number, name in enumerate(kinds):
             newest_next = (operation_next == Operation.NEWEST) & (passes_next == 0) & begins_next[name]
-            joined_next = (operation_next != Operation.NEWEST) & (name == "integral")
+            joined_next = (operation_next != Operation.NEWEST) & (name not in SUMMED)
             alone_next |= (kind_next == number) & (newest_next | joined_next)
         with m.If(step):
             m.d.sync += [passes.eq(passes_next), parity.eq(parity ^ turns), alone.eq(alone_next)]

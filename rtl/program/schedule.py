@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import SUMMED, AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.scheduler import Schedule, Scheduler
@@ -80,7 +80,7 @@ def leaving_cycles(config: AcceleratorConfig, sums: int = 0) -> float:
     most, steps = not sums, windows.steps
     hops = windows.store_per_window if most else max(1.0, sums / steps)
     since_onset = hops * steps if most else hops * (steps + 1) / 2
-    reads = sum(since_onset if kind == "integral" else hops + config.doublings for kind in kinds)
+    reads = sum(hops + config.doublings if kind in SUMMED else since_onset for kind in kinds)
     return config.sensor.taxels * (reads + (6 + differ + most) * config.kinds) + hops + 2 - differ
 
 

@@ -17,7 +17,7 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.results import Cycles
 from eskin.cosim.simulation import Simulation
-from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError, QFormat, SimulationError
 from eskin.golden.model import Fixed, IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.host import control
@@ -180,10 +180,7 @@ CLASSES = tuple(f"class {k}" for k in range(128))
 MOVING = dict(rest="tracked", rest_frames=4, onset="baseline", onset_mean_frames=8, onset_check_frames=4)
 DESIGNS = {
     "one taxel, moving sums": (FEW.replace(taxels=1, **MOVING), (600,)),
-    "two taxels, all kinds of feature": (
-        FEW.replace(taxels=2, feature_kinds=("mean", "activity", "integral"), **FREE),
-        (600,),
-    ),
+    "two taxels, all kinds of feature": (FEW.replace(taxels=2, feature_kinds=FEATURE_KINDS, **FREE), (600,)),
     "the largest array, the most classes": (
         LARGE.replace(
             feature_kinds=("mean", "activity"), decision="last", class_names=CLASSES, margin_threshold=3

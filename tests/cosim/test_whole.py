@@ -2,6 +2,7 @@
 
 import pytest
 
+from eskin.golden.core import FEATURE_KINDS
 from tests.support.small_designs import TRACKED
 from tests.support.strategies import Design, differences
 
@@ -27,7 +28,7 @@ DESIGNS = {
         "touch_frames": 40,
     },
     "all kinds, changes": {
-        "feature_kinds": ("mean", "activity", "integral"),
+        "feature_kinds": FEATURE_KINDS,
         "activity_rule": "change",
         "steps": 5,
         "store_per_window": 2,
@@ -40,6 +41,7 @@ DESIGNS = {
         "integral_knee": 0,
         "touch_frames": 18,
     },
+    "extremes alone, each hop's": {"feature_kinds": ("highest", "lowest"), "store_per_window": 2},
     "a fault detector": {"fault_frames": 16, "fault_activity": 3},
 }
 

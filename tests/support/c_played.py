@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.exchange import plain_c
-from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
+from eskin.golden.core import FEATURE_KINDS, PRESETS, AcceleratorConfig, QFormat, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, images_of, run, run_images
 from eskin.training.derive import derive_config, for_recordings
@@ -20,7 +20,7 @@ from tests.support.random_models import random_integer_model
 WIDE = {"state_format": QFormat(4, 12)}
 MODELS: dict[str, Record] = {
     "linear, all kinds": {
-        "cell": "linear", "decision": "last", "feature_kinds": ("mean", "activity", "integral"),
+        "cell": "linear", "decision": "last", "feature_kinds": FEATURE_KINDS,
         "activity_rule": "change", "feature_scale": "taxel",
     },
     "GRU, reset before": {"cell": "gru", "reset": "before"},

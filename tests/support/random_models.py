@@ -80,6 +80,8 @@ def _random_scaling(
             _logarithm(abs(value) * config.last_frame / 2, features.integral_knee, features.integral_frac)
             for value in (mu, sigma)
         ),
+        "highest": (mu + sigma, sigma),
+        "lowest": (mu - sigma, sigma),
     }
     kinds = np.resize(features.feature_kinds, count)
     middle, spread = np.array([of_kind[kind] for kind in kinds]).T

@@ -76,7 +76,7 @@ FIELDS: dict[str, tuple[Any, ...]] = {
     "weight_sets": ("window", "one"),
 }
 """Fields that depend on no other, the simplest value first: a failing design is made smaller towards it."""
-KINDS = [kinds for size in (1, 2, 3) for kinds in combinations(FEATURE_KINDS, size)]
+KINDS = [kinds for size in (1, 2, 3, 5) for kinds in combinations(FEATURE_KINDS, size)]
 RESTS = {
     "band": ("none", "initial", "tracked"),
     "baseline": ("tracked", "initial"),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from eskin.data import load_recordings
 from eskin.exchange import plain_c
-from eskin.golden.core import AcceleratorConfig, QFormat
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, QFormat
 from eskin.golden.model import IntegerModel, run, run_images
 from eskin.training.made_up import random_images, random_recordings
 from eskin.verbs.export import export_c
@@ -43,7 +43,7 @@ EVENTS = RING.replace(sample_bits=2, band_low=1, band_high=2, fault_frames=0)
 """Codes of two levels: means with fraction bits."""
 FOLLOWING = RING.replace(
     window_mode="whole", pretrigger_frames=0, window=8, touch_frames=100, steps=3, store_per_window=2, rearm_frames=5,
-    feature_kinds=("mean", "activity", "integral"), activity_block=2,
+    feature_kinds=FEATURE_KINDS, activity_block=2, cell="linear", decision="last",
 )  # fmt: skip
 """Touches of every end, of which some fill the store several times."""
 
@@ -100,6 +100,7 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
         (RING, "s->flag_age[i] > (uint16_t)back", "s->flag_age[i] > 0 * back"),
         (RING, "s->flag_age[i]++;", ";"),
         (FOLLOWING, "[2 * k + 1][i];", "[2 * k][i];"),
+        (FOLLOWING, "highest_of[2 * k + 1][i] >", "highest_of[2 * k][i] >"),
         (FOLLOWING, "s->doublings++;", ";"),
         (FOLLOWING, "hop = 0; hop < stop", "hop = first; hop < stop"),
         (FOLLOWING, "(k < m ? k : m - 1)", "(k < m ? k : 0)"),

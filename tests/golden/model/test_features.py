@@ -16,9 +16,15 @@ FREE = CASES["one block"].replace(
     "changes, match",
     [
         ({"feature_kinds": ()}, "feature_kinds: .* name one or more"),
-        ({"feature_kinds": ("median",)}, "feature_kinds: .* give one of mean, activity, integral"),
+        (
+            {"feature_kinds": ("median",)},
+            "feature_kinds: .* give one of mean, activity, integral, highest, lowest",
+        ),
         ({"feature_kinds": ("mean", "mean")}, "feature_kinds: .* each kind once"),
-        ({"feature_kinds": ("activity", "mean")}, "feature_kinds: .* in the order mean, activity, integral"),
+        (
+            {"feature_kinds": ("activity", "mean")},
+            "feature_kinds: .* in the order mean, activity, integral, highest, lowest",
+        ),
         (
             {"feature_kinds": ("mean", "activity"), "activity_block": 5},
             "activity_block: is 5 with hops of 12 .* use 1, 2, 3, 4, 6, 12",
@@ -35,18 +41,18 @@ FREE = CASES["one block"].replace(
         ({"feature_scale": "row"}, "feature_scale: .* one of array, taxel"),
         (
             {"feature_kinds": FEATURE_KINDS, "feature_shift": (3,)},
-            "feature_shift: has 1 values for 1 distinct window lengths of 3 kinds",
+            "feature_shift: has 1 values for 1 distinct window lengths of 5 kinds",
         ),
         (
-            {"feature_kinds": FEATURE_KINDS, "feature_shift": (3, 3, 3), "aligned_means": True},
+            {"feature_kinds": FEATURE_KINDS, "feature_shift": (3,) * 5, "aligned_means": True},
             "aligned_means: needs one mean",
         ),
         (
-            {"feature_kinds": FEATURE_KINDS, "taxels": 171, "clock_hz": 50e6},
-            "feature_kinds: 3 kinds of 171 taxels make 513 inputs, above the limit of 512",
+            {"feature_kinds": FEATURE_KINDS, "taxels": 103, "clock_hz": 50e6},
+            "feature_kinds: 5 kinds of 103 taxels make 515 inputs, above the limit of 512",
         ),
         ({"feature_shift": (99,)}, "feature_shift: must lie in -10..15"),
-        ({"feature_kinds": FEATURE_KINDS, "clock_hz": 15e3}, "3 taxels with 3 kinds .* at least 18000"),
+        ({"feature_kinds": FEATURE_KINDS, "clock_hz": 15e3}, "3 taxels with 5 kinds .* at least 30000"),
     ],
 )
 def test_what_cannot_work_is_refused_with_what_does(changes, match):

@@ -121,13 +121,15 @@ def test_the_windows_are_those_of_a_store_that_doubles(steps, store, hop, loud, 
 
 
 def test_all_kinds_of_a_touch_that_doubled_once():
-    """h = 4, three sums; the blocks of an activity have two frames, and an integral is not shifted."""
+    """h = 4, three sums; the blocks of an activity have two frames, and what goes back to the touch's
+    first frame is not shifted."""
     touches = found(FRAMES, feature_kinds=FEATURE_KINDS, activity_block=2, integral_knee=2)
     blocks = np.abs(np.diff([27, 27, 39, 45, 33, 23, 7]))
     total = companded(np.array([66, 174]), 2, 8)
     of_sum = found(FRAMES, feature_kinds=("mean", "activity"), activity_block=2)
     assert of_sum.sums[0].tolist() == [[33, 33], [54, 54]]  # every block is above 0
-    assert touches.sums[0].tolist() == [[33, 33, total[0]], [54, 54, total[1]]]
+    extremes = [[21, 12], [24, 2]]  # of the first sum, and of all three
+    assert touches.sums[0].tolist() == [[33, 33, total[0], *extremes[0]], [54, 54, total[1], *extremes[1]]]
     change = found(FRAMES, feature_kinds=("activity",), activity_block=2, activity_rule="change")
     assert change.sums[0, :, 0].tolist() == [blocks[:2].sum() // 2, blocks[2:6].sum() // 2]
 

@@ -10,6 +10,7 @@ from eskin.cosim import flow, runner
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.simulation import Simulation
+from eskin.golden.core import FEATURE_KINDS
 from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.training.formats import with_network
@@ -84,9 +85,7 @@ SPARED = {
         cell="linear", decision="last", class_names=tuple(f"c{k}" for k in range(20))
     ),
     "asked for": dict(spare_blocks=True, checksum=True),
-    "all kinds": dict(
-        feature_kinds=("mean", "activity", "integral"), activity_rule="change", integral_knee=4
-    ),
+    "all kinds": dict(feature_kinds=FEATURE_KINDS, activity_rule="change", integral_knee=4),
 }
 """Designs that an iCE40 UP5K is spared block memories for."""
 
