@@ -6,7 +6,7 @@ The annotations hold types, ranges and permitted words; pydantic checks them.
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, StrictBool, StrictInt, StrictStr
@@ -250,13 +250,20 @@ class Windows(Group):
             )
 
 
+def _both_extremes(kinds: Any) -> Any:
+    """Kinds with ``peak`` as the two extremes that it stands for."""
+    if not isinstance(kinds, (list, tuple)):
+        return kinds
+    return tuple(kind for name in kinds for kind in (EXTREMES if name == "peak" else [name]))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Features(Group):
     """The features that the network reads.
 
     - feature_kinds: the values of each taxel in a window, any of ``mean`` (sum of its deviations), ``activity`` (how much they
       move in the window), and since the start of the touch's first window ``integral`` (their sum, companded), ``highest`` and
-      ``lowest`` (the largest and the least of them), in this order.
+      ``lowest`` (the largest and the least of them), in this order. ``peak`` stands for both extremes.
     - activity_rule: activity is the sum over blocks of activity_block frames of the absolute block ``sum``, or of the absolute
       ``change`` from the block before.
     - integral_knee, integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with its sign, linear between
@@ -268,7 +275,7 @@ class Features(Group):
       lengths then share one shift.
     """
 
-    feature_kinds: tuple[FeatureKind, ...] = ("mean",)
+    feature_kinds: Annotated[tuple[FeatureKind, ...], BeforeValidator(_both_extremes)] = ("mean",)
     activity_rule: ActivityRule = "sum"
     activity_block: Annotated[StrictInt, Interval(ge=1, le=64)] = 1
     integral_knee: Annotated[StrictInt, Interval(ge=0, le=30)] = 8

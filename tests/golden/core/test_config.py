@@ -119,6 +119,12 @@ def test_a_configuration_survives_its_file_and_its_flat_fields():
         assert AcceleratorConfig.from_dict(json.loads(preset.to_json())) == preset
         flat = {name: preset.value(name) for name in preset.fields()}
         assert AcceleratorConfig.of(**flat) == preset
+    peaks = PRESETS["pvdf"].replace(feature_kinds=("mean", "peak"), feature_shift=())
+    assert peaks.features.feature_kinds == ("mean", "highest", "lowest")
+    assert AcceleratorConfig.from_dict({"features": {"feature_kinds": ["peak"]}}).features.feature_kinds == (
+        "highest",
+        "lowest",
+    )
 
 
 def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
