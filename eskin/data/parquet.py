@@ -14,12 +14,12 @@ from eskin.golden.data.recordings import natural
 
 INFO, TASKS = "meta/info.json", "meta/tasks.parquet"
 EPISODE, TASK = "episode_index", "task"
-"""Column that names the recording, and the one that names the class where the user names none."""
+"""Column that names the recording, and the column of the class where the user names none."""
 
 
 def read_parquet(path: Path, reading: Reading, refuse: Refuse, **of_table: Any) -> Table:
     """The table of a file. A column of lists becomes a column for each place in its lists, which are the taxels;
-    of several the one that ``reading.samples`` names, and the others are left out. of_table: fields of the table
+    of several ``reading.samples`` names one, and the others are left out. of_table: fields of the table
     beside; ``names``: of the places; ``tasks``: text of each task_index.
 
     Raises
@@ -96,7 +96,7 @@ def is_lerobot(folder: Path) -> bool:
 
 def read_lerobot(folder: Path, reading: Reading) -> tuple[list[Table], Reading]:
     """The tables of a data set, and how they are to be read: episodes are recordings, tasks the classes, the
-    samples the one stream that is numbers, unless ``reading`` names others. The rate is that of info.json.
+    samples the only stream of numbers, unless ``reading`` names others. info.json has the rate.
 
     Raises
     ------

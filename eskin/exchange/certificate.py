@@ -1,6 +1,6 @@
 """Whether a file that left the project holds a model: its numbers are read from it and compared, one by one.
 
-No line that only claims something counts: a file whose ``model_hash`` is not that of its contents differs, too.
+No line that only claims something counts: a file whose ``model_hash`` does not belong to its contents differs, too.
 """
 
 import json

@@ -129,7 +129,7 @@ def _frame_values(config: AcceleratorConfig) -> Record:
     """Values of the templates beside the configuration (``c``) and its fields.
 
     hop_sums: sums that are added up hop by hop, ``depth`` hops of it. total, extremes: of a touch so far. hop_extremes: the
-    latter hop by hop, too. of_touch: names of a touch's values, and of those of a hop that they begin with. ring: frames of
+    latter hop by hop, too. of_touch: names of a touch's values, and of a hop's values that they begin with. ring: frames of
     deviations that are held. moves: activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are
     types and terms.
     """

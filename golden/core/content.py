@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 APART = ("hardware", "interface")
-"""Groups of a configuration on which no decision depends: how the network is computed, and what is wired to it."""
+"""Groups of a configuration without influence on a decision: how the network is computed, and the chips wired to it."""
 
 
 def content_key(*parts: Any) -> str:
