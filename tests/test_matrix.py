@@ -106,6 +106,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("linear", "lstm", "image"),
     ),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
+    "evaluate --against": (
+        "evaluate {model} --against {model}/config.json",
+        ("following", "prototypes", "image"),
+    ),
     "compare": ("compare {model}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
