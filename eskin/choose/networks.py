@@ -155,6 +155,11 @@ INSIDE = Effort(
 """Effort inside folds, where there are many choices."""
 
 
+MOST_STURDY_INPUTS = 6000
+"""Most inputs, over all windows, of a linear cell that is fitted under disturbance: some matrices of their square lie
+in the memory of every process, each with 0.3 GB at 6000."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
     """The user's request about the network; None: no request. `eskin.training.settings.TrainingSettings` defines each
@@ -184,6 +189,10 @@ class SearchOptions:
         if fit == ROBUST:
             wary = choose_recipe(config, robust=True)
             return Candidate(on, config, dataclasses.replace(wary, name=ROBUST, updates=ROBUST_UPDATES))
+        if fit in STURDY and config.sets * config.inputs > MOST_STURDY_INPUTS:
+            raise InputError(
+                f"{config.sets * config.inputs} inputs: are too many for a fit under disturbance"
+            )
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
 

@@ -1,6 +1,7 @@
 """Multinomial logistic regression on all windows of a touch, as the weights and bias of a linear cell."""
 
 import warnings
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -268,28 +269,33 @@ def fit_sturdy(
     at_rest = features.mean(axis=0) if config.rest_level.rest == "none" else -mu / sigma * live
     rest = shaped(np.broadcast_to(at_rest, features.shape)).mean(axis=0)
     number = max(len(config.sensor.live), 1)
-    ways: list[tuple[float, Moments]] = []
-    for part in CUT_AFTER:
-        begun = features * (np.arange(steps) < max(round(part * steps), 1))[:, None]
-        if config.follows_touch:  # its windows divide what there is of it
-            begun = _at_rate(features, part)
-        ways.append((CUT, moments_of(shaped(begun))))
-    rates = () if config.follows_touch else RATES
-    ways += [(RATE, moments_of(shaped(_at_rate(features, factor)))) for factor in rates]
-    late = min(max(round(OVERLAP_AFTER * steps), 1), steps)
-    still = features[:, :1] if config.rest_level.rest == "none" else at_rest
-    over = np.zeros_like(features)
-    over[:, late:] = (features - still)[:, : steps - late]
-    added, moved, _ = moments_of(shaped(over))
-    across = np.outer(sums, moved)
-    overlapped = gram + across + across.T + added, sums + moved, cross + np.outer(moved, share)
-    ways.append((OVERLAP, overlapped))
-    weight = 1.0 + sum(of for of, _ in ways)
-    total, moments, targets = (
-        (own + sum(of * moved[place] for of, moved in ways)) / weight
-        for place, own in enumerate((gram, sums, cross))
-    )
-    centred = total - np.outer(moments, moments)
+
+    def ways() -> Iterator[tuple[float, Moments]]:
+        """Shares of the touches, and their moments; one at a time, because a matrix may be large."""
+        for part in CUT_AFTER:
+            begun = features * (np.arange(steps) < max(round(part * steps), 1))[:, None]
+            if config.follows_touch:  # its windows divide what there is of it
+                begun = _at_rate(features, part)
+            yield CUT, moments_of(shaped(begun))
+        for factor in () if config.follows_touch else RATES:
+            yield RATE, moments_of(shaped(_at_rate(features, factor)))
+        late = min(max(round(OVERLAP_AFTER * steps), 1), steps)
+        still = features[:, :1] if config.rest_level.rest == "none" else at_rest
+        over = np.zeros_like(features)
+        over[:, late:] = (features - still)[:, : steps - late]
+        added, moved, _ = moments_of(shaped(over))
+        across = np.outer(sums, moved)
+        yield OVERLAP, (gram + across + across.T + added, sums + moved, cross + np.outer(moved, share))
+
+    weight, (total, moments, targets) = 1.0, (gram.copy(), sums.copy(), cross.copy())
+    for of, parts in ways():
+        weight += of
+        for whole, part in zip((total, moments, targets), parts, strict=True):
+            whole += of * part
+    for whole in (total, moments, targets):
+        whole /= weight
+    centred = total
+    centred -= np.outer(moments, moments)
     levels = [level - moments for level in (rest, np.zeros_like(rest))]
     lost = centred + sum(np.outer(level, level) for level in levels) / 2
     # what one deviation of the means does to each input

@@ -176,6 +176,15 @@ def test_what_does_not_fit_a_named_board_is_not_judged():
         played([CONFIG], lambda one: 360, SearchOptions(cell="gru"), **nothing)
 
 
+def test_a_fit_whose_matrices_would_fill_the_memory_is_not_tried(monkeypatch):
+    inputs = CONFIG.windows.steps * CONFIG.inputs
+    for most, tried in ((inputs, True), (inputs - 1, False)):
+        monkeypatch.setattr("eskin.choose.networks.MOST_STURDY_INPUTS", most)
+        assert (SearchOptions().possible(CONFIG, "linear", None, "sturdy 1") is not None) == tried
+        assert SearchOptions().possible(CONFIG, "linear", None, "ridge 0.01")
+        assert SearchOptions().possible(CONFIG, "gru", 8, "robust")
+
+
 def test_choices_made_side_by_side_are_those_made_alone(quick):
     recordings = gripped_recordings()
     persons = recordings.groups["person"]
