@@ -3,6 +3,7 @@
 # make test       the tests (make test-all: the slow ones too), make lint, make format, make types (mypy), make clean
 # make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
 # make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
+# make coverage   30 minutes of tests and of designs for what no test has hit: build/coverage/coverage.html
 # make fuzz       10 000 damaged inputs, command lines and calls, new ones in every run; what failed before comes first
 # make designs    300 random designs against the golden model, the same way
 # make wheel-test  the wheel of a zip in an empty environment, and a checkout, both without links; needs a package index
@@ -17,7 +18,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all wheel-test formal mutants fuzz designs docs figures where budget lint format format-check types clean tools tools-test
+.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs figures where budget lint format format-check types clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -57,6 +58,11 @@ formal: $(INSTALLED)
 
 mutants: $(INSTALLED)
 	$(BIN)/python -m scripts.mutants
+
+coverage: export OMP_NUM_THREADS = 1
+
+coverage: $(INSTALLED)
+	$(BIN)/python -m scripts.coverage --minutes 30
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_fuzz.py \

@@ -28,6 +28,7 @@ settings.register_profile("long", print_blob=True, **PATIENT)
 settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate), **PATIENT)
 settings.load_profile("quick")
 
+pytest_plugins = ["tests.support.covered"]
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 NO_RECORDINGS = "no real recordings beside the checkout"
 NAMED_SKIPS = (

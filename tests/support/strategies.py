@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,13 @@ from hypothesis import strategies as st
 from eskin.cosim.simulation import Simulation
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.converters import SPI_CHIPS, code_format, code_shift
+from eskin.golden.core.groups import GROUP_OF
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs.cosim import cosimulate
+from scripts.coverage import wishes
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 
@@ -89,12 +91,16 @@ def picking(draw: st.DrawFn) -> Callable[..., Any]:
     return lambda *options: draw(st.sampled_from(options))
 
 
-@st.composite
-def configurations(draw: st.DrawFn) -> AcceleratorConfig:
-    """Configurations of recordings that the project takes, without converter: cells, sizes, formats, windows,
-    onsets, lanes."""
+WISHES = wishes() if LONG else []
+"""Fields that nothing has covered yet: in long runs most designs begin with some of them."""
 
-    pick = picking(draw)
+
+@st.composite
+def configurations(draw: st.DrawFn, wish: Mapping[str, Any] | None = None) -> AcceleratorConfig:
+    """Configurations of recordings that the project takes, without converter: cells, sizes, formats, windows,
+    onsets, lanes; with the fields of ``wish``."""
+
+    pick, wish = picking(draw), dict(wish or {})
     (cell, reset), lane_type = (
         pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
         pick("plain", "dsp"),
@@ -102,13 +108,16 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
     low, span = sample.min_code, sample.max_code - sample.min_code
-    onset, mode = pick(*RESTS), pick("touch", "free", "whole")
+    taxels, onset = wish.get("taxels", taxels), wish.get("onset") or pick(*RESTS)
+    modes = ("touch", "free") if wish.get("decision") == "early" else ("touch", "free", "whole")
+    mode = wish.get("window_mode") or pick(*modes)
     hop, steps, check = pick(2, 3, 4, 5, 7, 8), pick(1, 2, 3, 4, 5, 6), pick(1, 2, 4)
+    steps = wish.get("steps", max(steps, wish.get("early_steps", 1)))
     window, pretrigger, cut = 2 * hop, 0, 0
     if mode == "touch":
         window, cut = window + pick(0, 1), pick(0, 1, hop, 2 * hop - 2)
         pretrigger = 0 if onset == "immediate" else pick(0, 1, 3, 6)
-    rest = pick(*RESTS[onset])
+    rest = wish.get("rest") or pick(*RESTS[onset])
     hits, of_frames = pick((1, 1), (2, 3), (3, 3))
     fields = {name: draw(st.sampled_from(options)) for name, options in FIELDS.items()}
     fields |= {
@@ -152,10 +161,11 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         early_steps=min(steps, pick(1, 2)),
         lane_type=lane_type,
     )
+    fields |= {name: value for name, value in wish.items() if GROUP_OF[name] != "readout_rule"}
     try:
         config = AcceleratorConfig.of(**fields)
         block = max(1, math.gcd(hop, *config.window_lengths) // pick(1, 2, 3, 64))
-        kinds = pick(*KINDS)
+        kinds = wish.get("feature_kinds") or pick(*KINDS)
         return config.replace(feature_kinds=kinds, activity_block=block)
     except InputError:
         reject()
@@ -185,12 +195,22 @@ def designs(draw: st.DrawFn) -> Design:
     """Whole designs: of recordings, as on a chip, behind a converter; of images."""
 
     pick = picking(draw)
-    config, stalls = draw(configurations()), pick(False, True)
-    chip = pick("none", "none", "none", *SPI_CHIPS, "spi", "matrix")
+    wish = pick(*WISHES) if WISHES and pick(True, True, True, False) else {}
+    rule = {name: value for name, value in wish.items() if GROUP_OF[name] == "readout_rule"}
+    image = wish.get("cell") == "image"
+    config, stalls = draw(configurations({} if image else wish)), pick(False, True)
+    chip = "none" if wish else pick("none", "none", "none", *SPI_CHIPS, "spi", "matrix")
     try:
-        if pick(False, False, True):
+        if (
+            rule.get(
+                "readout",
+                "prototypes" if rule else "dense" if image else pick("dense", "dense", "prototypes"),
+            )
+            != "dense"
+        ):
             config = with_prototypes(pick, config)
-        if pick(False, False, False, True):
+            config = config.with_readout(**asdict(config.readout_rule) | rule)
+        if image or (not wish and pick(False, False, False, True)):
             config = _of_images(pick, config)
         elif chip != "none":
             config, stalls = _behind(pick, config, chip), False

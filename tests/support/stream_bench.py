@@ -21,6 +21,9 @@ from amaranth.hdl import ClockDomain, Fragment, Module, Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
+from scripts.crosses import STALLS
+from tests.support.covered import note
+
 
 class Beat(NamedTuple):
     """One transfer: the cycle (0 = first clock edge) whose edge took it, and the payload (int, or dict of
@@ -90,7 +93,7 @@ class Bench:
         self.cycle = 0
         self._moved = 0
         self._busy = 0
-        self._random = random.Random(seed)
+        self._random, self._stalls = random.Random(seed), [False, False]
         top = Module()
         top.domains.sync = ClockDomain()  # also for a dut without registers
         top.submodules.dut = dut
@@ -104,6 +107,7 @@ class Bench:
         stall: chance of an idle cycle before each beat, repeated. gaps: idle cycles before each beat, instead
         (0 for the rest). after: cycle before which nothing is sent.
         """
+        self._stalls[0] |= bool(stall or gaps)
         rng, accepted, payload = random.Random(self._random.random()), [], Value.cast(stream.payload)
         pauses = iter(gaps or ())
         packed = [pack(stream.payload.shape(), beat) for beat in beats]
@@ -136,6 +140,7 @@ class Bench:
     def collect(self, stream, *, stall: float = 0.0) -> list[Beat]:
         """Take everything ``stream`` offers; ``ready`` is low with chance ``stall``, drawn anew each cycle.
         Protocol checked."""
+        self._stalls[1] |= bool(stall)
         rng, out, shape = random.Random(self._random.random()), [], stream.payload.shape()
 
         async def taker(ctx):
@@ -201,6 +206,7 @@ class Bench:
         # added last: the others see the number of the cycle whose edge they woke at
         self._sim.add_testbench(conductor)
         self._sim.run()
+        note("stalls of blocks", type(self.dut).__name__, STALLS[self._stalls[0], self._stalls[1]])
         return self.cycle
 
 

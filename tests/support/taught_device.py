@@ -13,6 +13,7 @@ from eskin.golden.model.prototypes import taught_in_use
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
+from tests.support.covered import note
 from tests.support.replayed import Recorded
 
 NEXT = ALL = 1 << 7
@@ -40,6 +41,8 @@ class Taught:
     def play(self, samples: np.ndarray) -> None:
         """A recording from ARM on, in two pieces with a command between them; the end may be missing."""
         device, decisions = self.device, []
+        if self.stream.onset_frame is not None:
+            note("commands", "ARM", "touch", self.config.windows.window_mode)
         device.write(Register.CONTROL, Control.ARM)
         device.settle()
         device.forget()

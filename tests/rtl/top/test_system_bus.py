@@ -8,6 +8,7 @@ from cocotb_tools.runner import get_results, get_runner
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import verilog
 from eskin.rtl.top.system import System
+from tests.support.covered import note
 from tests.support.random_models import random_integer_model
 
 CONFIG = random_integer_model(
@@ -37,3 +38,4 @@ def test_masters_of_others_read_and_write(bus, tmp_path):
         },
     )
     assert get_results(results) == (1, 0)
+    note("converter and bus", "none", bus)
