@@ -64,6 +64,10 @@ def fit_networks(
 
     told: receives the losses during training. A linear cell is solved, not trained, and has none.
     """
+    if config.is_forest:
+        raise InputError(
+            f"configuration '{config.name}', field cell: is 'trees', which are not fitted yet; use another cell"
+        )
     for rows in parts:
         if not len(rows):
             raise InputError(

@@ -103,13 +103,13 @@ def with_network(
     Raises
     ------
     InputError
-        For a linear cell with hidden units or a reset gate.
+        For a linear cell or trees with hidden units or a reset gate.
     """
-    if (cell or config.network.cell) == "linear":
+    if (cell or config.network.cell) in ("linear", "trees"):
         for field, value in (("hidden", hidden), ("reset", reset)):
             if value is not None:
                 raise InputError(
-                    f"configuration '{config.name}', field {field}: is {value} and a linear cell has none; "
+                    f"configuration '{config.name}', field {field}: is {value} and cell {cell or config.network.cell} has none; "
                     "leave it out"
                 )
     fields = {"cell": cell, "reset": reset, "hidden": hidden}
@@ -119,7 +119,7 @@ def with_network(
         if config.windows.window_mode == "touch" and steps > 0:
             hop = config.windows.touch_frames // steps
             changes |= {"hop": hop, "window": 2 * hop + 1}
-    if cell == "linear" and config.network.decision == "vote":
+    if cell in ("linear", "trees") and config.network.decision == "vote":
         changes["decision"] = "last"
     changed = config.replace(**changes)
     if not changed.recurrent:

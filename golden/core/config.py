@@ -26,6 +26,7 @@ from eskin.golden.core.groups import (
     GROUPS,
     Faults,
     Features,
+    Forest,
     Formats,
     Hardware,
     Image,
@@ -44,6 +45,9 @@ every sum exactly."""
 
 MOST_INPUTS = 512
 """Highest number of inputs of a network."""
+
+VOTE_BITS = 8
+"""Bits of a tree's vote, signed, in units of a logit's last place."""
 
 WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
@@ -88,6 +92,7 @@ class AcceleratorConfig:
     features: Features = Features()
     network: Network = Network()
     readout_rule: ReadoutRule = ReadoutRule()
+    forest: Forest = Forest()
     image: Image = Image()
     formats: Formats = Formats()
     hardware: Hardware = Hardware()
@@ -112,7 +117,7 @@ class AcceleratorConfig:
             yield from self._image_refusals()
         else:
             yield from self._feature_refusals()
-            yield from self._format_refusals()
+            yield from self._forest_refusals() if self.is_forest else self._format_refusals()
             yield from self._readout_refusals()
         # the front end takes an input every second cycle
         clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.scan_rate_hz
@@ -238,6 +243,17 @@ class AcceleratorConfig:
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
                 f"{bits}; use plain lanes or narrow the weights",
             )
+
+    def _forest_refusals(self) -> Iterator[Refusal]:
+        trees, logit = self.forest.trees, self.formats.logit_format
+        if trees << VOTE_BITS - 1 > logit.max_code:
+            yield (
+                "trees",
+                f"is {trees}, whose votes of {VOTE_BITS} bits do not add up in {logit}; use fewer trees or a wider "
+                "logit_format",
+            )
+        if self.has_prototypes:
+            yield "readout", "is 'prototypes', and trees have no trajectory to compare; use 'dense'"
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
         cell, reset = self.network.cell, self.network.reset
@@ -645,8 +661,13 @@ class AcceleratorConfig:
     @property
     def recurrent(self) -> bool:
         """True for cells with a hidden state; False for the linear cell, whose logits add up over the
-        windows."""
+        windows, and for trees."""
         return self.network.cell in ("gru", "lstm")
+
+    @property
+    def is_forest(self) -> bool:
+        """True for trees: the group ``forest`` has their sizes."""
+        return self.network.cell == "trees"
 
     @property
     def has_prototypes(self) -> bool:
@@ -685,7 +706,11 @@ class AcceleratorConfig:
     def sets(self) -> int:
         """Number of sets of weights: one per window for a linear cell, or 1 with ``weight_sets`` one; 1 for
         other cells."""
-        return self.windows.steps if not self.recurrent and self.network.weight_sets == "window" else 1
+        return (
+            self.windows.steps
+            if self.network.cell == "linear" and self.network.weight_sets == "window"
+            else 1
+        )
 
     @property
     def gates(self) -> tuple[str, ...]:
@@ -698,10 +723,12 @@ class AcceleratorConfig:
     @property
     def parameter_count(self) -> int:
         """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after;
-        linear: a C x D matrix for each set of weights, + C; images: the parameters of all layers, batch norm
-        included."""
+        linear: a C x D matrix for each set of weights, + C; trees: a threshold a node, a vote a leaf; images: the
+        parameters of all layers, batch norm included."""
         if self.is_image:
             return sum(stage.parameters for stage in self.stages)
+        if self.is_forest:
+            return 2 * self.forest.nodes + self.forest.trees
         if not self.recurrent:
             return self.sets * self.classes * self.inputs + self.classes
         rows = len(self.gates) * self.network.hidden
@@ -712,13 +739,13 @@ class AcceleratorConfig:
 
     @property
     def multiplies(self) -> int:
-        """Multiplications per step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; images: all
-        layers, products with the zero padding included."""
+        """Multiplications per step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD, trees none;
+        images: all layers, products with the zero padding included."""
         if self.is_image:
             return sum(stage.multiplies for stage in self.stages)
         h, d = self.network.hidden, self.inputs
         if not self.recurrent:
-            return self.classes * d
+            return 0 if self.is_forest else self.classes * d
         elementwise = 3 if self.network.cell == "lstm" else 2
         return len(self.gates) * h * (d + h) + elementwise * h + self.classes * h
 

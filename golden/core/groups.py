@@ -30,7 +30,7 @@ SUMMED: tuple[str, ...] = ("mean", "activity")
 EXTREMES: tuple[str, ...] = ("highest", "lowest")
 MOST_CLASSES = 128
 """Highest number of classes of a classifier."""
-Cell = Literal["gru", "lstm", "linear", "image"]
+Cell = Literal["gru", "lstm", "linear", "trees", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
@@ -310,7 +310,7 @@ class Features(Group):
 class Network(Group):
     """The classifier, and how it decides.
 
-    - cell: ``image`` uses the layers of the group image.
+    - cell: ``image`` uses the layers of the group image, ``trees`` the group forest.
     - weight_sets: linear only: weights for every ``window``, or ``one`` set for all windows.
     - reset: GRU only: the side of the reset gate.
     - hidden, gate_activation: GRU and LSTM.
@@ -380,6 +380,24 @@ class ReadoutRule(Group):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Forest(Group):
+    """The decision trees of the cell ``trees``. The fit writes them.
+
+    - trees: number of trees.
+    - depth: the most comparisons from a tree's first node to its vote.
+    - nodes: comparisons of all trees together; the first one of tree t is node t.
+    """
+
+    trees: Annotated[StrictInt, Interval(ge=1, le=255)] = 16
+    depth: Annotated[StrictInt, Interval(ge=1, le=16)] = 8
+    nodes: Annotated[StrictInt, Interval(ge=1, le=8192)] = 1024
+
+    def refusals(self) -> Iterator[Refusal]:
+        if self.nodes < self.trees:
+            yield "nodes", f"is {self.nodes} for {self.trees} trees; each tree has at least one"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Image(Group):
     """A network for images instead of a cell that reads windows. It exists if layers is not empty.
 
@@ -432,7 +450,8 @@ class Formats(Group):
     - gate_frac: gate codes are 0..2**gate_frac.
     - table_entries: entries of an activation table, over +-8.
 
-    A linear cell uses dense_format, dense_bias_format, feature_format, gate_frac (of the normaliser) and logit_format.
+    A linear cell uses dense_format, dense_bias_format, feature_format, gate_frac (of the normaliser) and logit_format;
+    trees use the last three.
     """
 
     weight_format: Weight = QFormat(3, 5)
@@ -540,6 +559,7 @@ GROUPS: dict[str, type[Group]] = {
     "features": Features,
     "network": Network,
     "readout_rule": ReadoutRule,
+    "forest": Forest,
     "image": Image,
     "formats": Formats,
     "hardware": Hardware,

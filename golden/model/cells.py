@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, QFormat, sigmoid_table, tanh_table
+from eskin.golden.model.forest import run_forest
 
 Array = Any
 """A numpy array, or a torch tensor where gradients are wanted; this module never imports torch, the caller
@@ -253,8 +254,10 @@ def run_cell(
     -------
     (hidden, logits):
         h' (..., touches, steps, H) and logits (..., touches, steps, C) after every step; a linear cell has H
-        = 0.
+        = 0, and so have trees, which take numpy arrays without leading dimensions alone.
     """
+    if config.is_forest:
+        return run_forest(config, parameters, features)
     if not config.recurrent:
         return _run_linear(a, parameters, features)
     p, xp, network = parameters, _library(features), config.network

@@ -28,8 +28,10 @@ from eskin.golden.core import (
     read_arrays,
     replacing_folder,
 )
+from eskin.golden.core.config import VOTE_BITS
 from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.model.cells import Fixed, Float, run_cell
+from eskin.golden.model.forest import check_forest
 
 CONFIG_FILE = "config.json"
 FLOAT_FILE = "float.npz"
@@ -46,6 +48,9 @@ def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[
     if config.is_image:
         of_stage = {f"W_{stage.number}": stage.weight_shape for stage in config.weighted_stages}
         return of_stage | {f"b_{stage.number}": (stage.outputs,) for stage in config.weighted_stages}
+    if config.is_forest:
+        nodes = config.forest.nodes
+        return {"tree_input": (nodes,), "threshold": (nodes,), "child": (nodes, 2), "vote": (nodes, 2)}
     if not config.recurrent:
         return {"V": (config.sets, c, d), "b_y": (c,)}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -65,6 +70,9 @@ def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
         }
         return weights | {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in config.weighted_stages}
     formats = config.formats
+    if config.is_forest:
+        whole = {"tree_input": QFormat(17, 0, False), "child": QFormat(16, 0), "vote": QFormat(VOTE_BITS, 0)}
+        return whole | {"threshold": formats.feature_format}
     kinds = {
         "W": formats.weight_format,
         "U": formats.recurrent_format,
@@ -143,6 +151,7 @@ class FloatModel(_Model):
                     "again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.float64))
+        check_forest(self.config, checked, self.source)
         if "sigma" in checked and (checked["sigma"] <= 0).any():
             raise InputError(
                 f"{self.source}, array sigma: is {checked['sigma'].min()}; it must be above 0: train the "
@@ -236,6 +245,7 @@ class IntegerModel(_Model):
                     f"{lowest}..{highest} of {formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
+        check_forest(config, checked, self.source)
         aligned = max(config.features.feature_shift[0], 0) if config.features.aligned_means else 0
         if aligned and (checked["mean"] % (1 << aligned)).any():
             step = f"2**{aligned}"
@@ -332,7 +342,12 @@ def load_config(folder: str | Path) -> AcceleratorConfig:
             f"model '{folder}': has no {CONFIG_FILE}, so it is not a model folder; name the folder that 'eskin "
             "train' wrote"
         )
-    return AcceleratorConfig.load(path)
+    config = AcceleratorConfig.load(path)
+    if config.is_forest:
+        raise InputError(
+            f"model '{folder}', field cell: is 'trees', which no verb takes yet; use another cell"
+        )
+    return config
 
 
 def load_training(folder: str | Path) -> Record:

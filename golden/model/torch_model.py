@@ -56,9 +56,31 @@ class TorchModel(IntegerModel):
         """(h' codes (n, K, H), logit codes (n, K, C)), int64, of feature codes (n, K, D)."""
         parameters = {name: torch.tensor(array, dtype=torch.int64) for name, array in self.arrays.items()}
         codes = torch.from_numpy(np.ascontiguousarray(features, np.int64))
+        if self.config.is_forest:
+            return features[..., :0].astype(np.int64), _forest_logits(self.config, parameters, codes).numpy()
         with torch.inference_mode():
             hidden, logits = run_cell(Int64(self.config), self.config, parameters, codes)
         return hidden.numpy(), logits.numpy()
+
+
+def _forest_logits(
+    config: AcceleratorConfig, arrays: dict[str, torch.Tensor], codes: torch.Tensor
+) -> torch.Tensor:
+    """Logits (n, K, C) of trees: every node is compared, then marked if its tree's walk comes by it."""
+    steps, first = torch.arange(codes.shape[1]), arrays["tree_input"] // config.inputs
+    windows = torch.minimum(first, steps[:, None])  # (K, N)
+    right = codes[:, windows, arrays["tree_input"] % config.inputs] > arrays["threshold"]
+    logits = codes.new_zeros((*right.shape[:2], config.classes))
+    passed = torch.zeros_like(right)
+    passed[..., : config.forest.trees] = True
+    for node, (children, votes) in enumerate(zip(arrays["child"].tolist(), arrays["vote"], strict=True)):
+        for child, vote, side in zip(children, votes, (~right, right), strict=True):
+            goes = passed[..., node] & side[..., node]
+            if child < 0:
+                logits[..., -1 - child] += goes * vote
+            else:
+                passed[..., child] |= goes
+    return logits
 
 
 def on_torch(model: IntegerModel) -> TorchModel:

@@ -31,7 +31,12 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     if config.features.feature_shift:
         filled = config
     arrays: dict[str, np.ndarray] = {"mean": mean, "scale": scale}
-    for name, shape in network_shapes(config, real=False).items():
+    if config.is_forest:
+        threshold = rng.normal(0, 1.0, config.forest.nodes)
+        arrays |= random_forest(config, rng) | {
+            "threshold": config.formats.feature_format.quantise(threshold)
+        }
+    for name, shape in ({} if config.is_forest else network_shapes(config, real=False)).items():
         fmt = network_formats(config)[name]
         if rng.random() < 0.25:
             arrays[name] = rng.integers(fmt.min_code, fmt.max_code, shape, endpoint=True)
@@ -49,6 +54,24 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
         )
         arrays[name] = rng.integers(*ends, shape, endpoint=True)
     return IntegerModel(filled, arrays, f"random model {seed}")
+
+
+def random_forest(config: AcceleratorConfig, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Every array of trees but the thresholds: each node after the roots in a random free place, votes of 8 bits."""
+    forest = config.forest
+    child, level = np.full((forest.nodes, 2), -1), [1] * forest.trees
+    free = [(root, side) for root in range(forest.trees) for side in (0, 1)] if forest.depth > 1 else []
+    for node in range(forest.trees, forest.nodes):
+        parent, side = free.pop(rng.integers(len(free)))
+        child[parent, side] = node
+        level.append(level[parent] + 1)
+        free += [(node, 0), (node, 1)] if level[node] < forest.depth else []
+    leaf = child < 0
+    return {
+        "tree_input": rng.integers(0, config.windows.steps * config.inputs, forest.nodes),
+        "child": np.where(leaf, -1 - rng.integers(0, config.classes, child.shape), child),
+        "vote": np.where(leaf, rng.integers(-128, 128, child.shape), 0),
+    }
 
 
 def random_float_model(

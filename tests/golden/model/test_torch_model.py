@@ -18,6 +18,7 @@ CELLS = [
     {"cell": "gru", "reset": "after"},
     {"cell": "lstm"},
     {"cell": "linear"},
+    {"cell": "trees"},
 ]
 
 
