@@ -265,10 +265,11 @@ class Scoreboard:
         arrays, position = self.recording.arrays, self.recording.position
         frames, local = self.recording["decision_frame"], self.recording["decision"][:, 0] == 0
         ends = frames[local][2:]
-        # a window waits for room only while the step two before it is not over
+        # a window waits for room only while the step two before it is not over; its first sum comes behind the
+        # frame before its last one
         waits = (
             accepted is None
-            or (np.array(self._offered)[local][: len(ends)] > np.array(accepted)[ends - 1]).any()
+            or (np.array(self._offered)[local][: len(ends)] > np.array(accepted)[ends - 2]).any()
         )
         flags = np.flatnonzero(arrays["flags"][position]).tolist() if "flags" in arrays else []
         want = registers_behind(

@@ -12,7 +12,8 @@ def load_lines(config: AcceleratorConfig) -> dict[int, int]:
     """The line of ``select`` of a memory, by its value of MEMORY_SELECT."""
     if config.is_image:
         return image_lines(plan_of(config))
-    return {select: line for line, select in enumerate((*range(config.hardware.lanes), *memories(config)))}
+    lanes = 0 if config.is_forest else config.hardware.lanes
+    return {select: line for line, select in enumerate((*range(lanes), *memories(config)))}
 
 
 def image_lines(plan: ImagePlan) -> dict[int, int]:

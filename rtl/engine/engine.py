@@ -68,6 +68,23 @@ def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSig
     )
 
 
+def engine_ports(config: AcceleratorConfig) -> dict[str, wiring.Member]:
+    """Members of `Engine`, and of what stands in its place for another kind of network."""
+    return inputs(
+        "decider_idle", "blank", i=stream.Signature(centred_layout(config)), load=load_signature(config)
+    ) | outputs(
+        "started",
+        "busy",
+        "check_failed",
+        "partial",
+        logit=struct("valid", value=signed(config.formats.logit_format.width)),
+        status=ENGINE,
+        feature=probe(),
+        state=probe(),
+        step=probe(),
+    )
+
+
 class Engine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums.
 
@@ -121,25 +138,7 @@ class Engine(wiring.Component):
     ):
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
-        super().__init__(
-            inputs(
-                "decider_idle",
-                "blank",
-                i=stream.Signature(centred_layout(config)),
-                load=load_signature(config),
-            )
-            | outputs(
-                "started",
-                "busy",
-                "check_failed",
-                "partial",
-                logit=struct("valid", value=signed(config.formats.logit_format.width)),
-                status=ENGINE,
-                feature=probe(),
-                state=probe(),
-                step=probe(),
-            )
-        )
+        super().__init__(engine_ports(config))
 
     def elaborate(self, platform):
         m = Module()

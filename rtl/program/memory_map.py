@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays
+from eskin.golden.core.config import VOTE_BITS
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.image_signature import BIAS_WORD_BITS, checked_program
@@ -278,6 +279,7 @@ class Memory(IntEnum):
     ADDENDS = 0x40  # words of 2 x 16 bits (3 x 16 where the accumulator has more than 32), low word first
     CONSTANTS = 0x41
     MEANS = 0x42  # words of as many 16-bit words as a window sum needs, low word first: mean_places
+    NODES = 0x44  # of trees, each in as many words as `words_per_entry`, low word first: `node_fields`
     PROTOTYPES = (
         0x43  # codes of prototypes, and how many touches each class was taught; only where they decide
     )
@@ -289,7 +291,10 @@ Images = dict[int, list[int]]
 
 def memories(config: AcceleratorConfig) -> list[Memory]:
     """Memories that the host loads beside the lanes' weights."""
-    return [memory for memory in Memory if memory != Memory.PROTOTYPES or config.has_prototypes]
+    if config.is_forest:
+        return [Memory.CONSTANTS, Memory.MEANS, Memory.NODES]
+    left_out = {Memory.NODES} if config.has_prototypes else {Memory.NODES, Memory.PROTOTYPES}
+    return [memory for memory in Memory if memory not in left_out]
 
 
 class ImageMemory(IntEnum):
@@ -312,15 +317,20 @@ def memory_images(config: AcceleratorConfig, arrays: Arrays, program: CellProgra
     shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or
     one a kind or input of each (`mean_places`).
 
+    Of trees CONSTANTS are the scales (`scale_places`) and NODES the nodes (`node_fields`), with ``checksum`` the parity above
+    each; there are no lanes and no ADDENDS.
+
     A network for images has the memories of `ImageMemory` and the columns of its convolutions' weights.
     ``program`` is another cell's program, with its arrays; by default the configured cell's.
     """
     if config.is_image:
         return image_memories(plan_of(config), arrays)
-    plan = schedule(config, program)
     means = [0] * mean_count(config)
     for entry, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
         means[entry] = int(mean)
+    if config.is_forest:
+        return forest_images(config, arrays, means)
+    plan = schedule(config, program)
 
     def weight(number: int, lane: int, group: RowGroup, matrix: str, column: int) -> int:
         # of a linear cell a matrix for each set of weights
@@ -363,6 +373,51 @@ def memory_images(config: AcceleratorConfig, arrays: Arrays, program: CellProgra
         constants[layout.check_base : layout.check_base + len(checks)] = checks
         images[Memory.MEANS] = [with_parity(mean, 16 * config.mean_words - 1) for mean in means]
     return images
+
+
+def scale_places(config: AcceleratorConfig) -> list[int]:
+    """Each scale's place in the memory CONSTANTS of trees, in the order of the array, (lengths, constants)."""
+    lengths = len(config.window_lengths)
+    bits = (lengths - 1).bit_length()
+    return [constant << bits | q for q in range(lengths) for constant in range(config.constants)]
+
+
+def node_fields(config: AcceleratorConfig) -> dict[str, int]:
+    """Bits of a node's fields, the lowest first. A child is a node's number, or with its highest bit set a vote, the class
+    above it."""
+    classes, nodes, inputs, steps = (
+        (count - 1).bit_length()
+        for count in (config.classes, config.forest.nodes, config.inputs, config.windows.steps)
+    )
+    child = 1 + max(nodes, VOTE_BITS + classes)
+    fields = {"input": inputs, "window": steps, "left": child, "right": child}
+    return {"threshold": config.formats.feature_format.width} | fields
+
+
+def node_words(config: AcceleratorConfig) -> int:
+    """16-bit words of a node, its parity included."""
+    return -(-(sum(node_fields(config).values()) + config.hardware.checksum) // 16)
+
+
+def forest_images(config: AcceleratorConfig, arrays: Arrays, means: list[int]) -> Images:
+    """Contents of the memories of trees."""
+    scales = [0] * (max(scale_places(config)) + 1)
+    for place, scale in zip(scale_places(config), np.ravel(arrays["scale"]).tolist(), strict=True):
+        scales[place] = scale
+    fields, vote = node_fields(config), (1 << VOTE_BITS) - 1
+    window, column = np.divmod(arrays["tree_input"], config.inputs)
+    leaf = (-1 - arrays["child"]) << VOTE_BITS | arrays["vote"] & vote | 1 << fields["left"] - 1
+    left, right = np.where(arrays["child"] < 0, leaf, arrays["child"]).T.tolist()
+    parts = (arrays["threshold"] & (1 << fields["threshold"]) - 1).tolist(), column.tolist(), window.tolist()
+    nodes, place = [0] * config.forest.nodes, 0
+    for values, bits in zip((*parts, left, right), fields.values(), strict=True):
+        nodes = [node | value << place for node, value in zip(nodes, values, strict=True)]
+        place += bits
+    if config.hardware.checksum:
+        means = [with_parity(mean, 16 * config.mean_words - 1) for mean in means]
+        scales = [with_parity(scale, 15) for scale in scales]
+        nodes = [with_parity(node, place) for node in nodes]
+    return {Memory.CONSTANTS: scales, Memory.MEANS: means, Memory.NODES: nodes}
 
 
 def prototype_words(config: AcceleratorConfig) -> int:
@@ -428,7 +483,7 @@ def memory_name(config: AcceleratorConfig, select: int) -> str:
     """Base name of the files of a memory."""
     if config.is_image:
         return f"weights{select}" if select < plan_of(config).columns else ImageMemory(select).name.lower()
-    return f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()
+    return f"lane{select}" if select < Memory.ADDENDS else Memory(select).name.lower()
 
 
 def mean_places(config: AcceleratorConfig) -> list[int]:
@@ -461,6 +516,9 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
             ImageMemory.DENSE_LOW: images.dense_words,
             ImageMemory.DENSE_HIGH: images.dense_words,
         }
+    if config.is_forest:
+        scales = max(scale_places(config)) + 1
+        return {Memory.CONSTANTS: scales, Memory.MEANS: mean_count(config), Memory.NODES: config.forest.nodes}
     plan = schedule(config)
     words: dict[int, int] = dict.fromkeys(range(config.hardware.lanes), plan.weight_depth) | {
         Memory.ADDENDS: plan.addend_words,
@@ -477,7 +535,11 @@ def words_per_entry(config: AcceleratorConfig, select: int) -> int:
     """16-bit words of one entry of a memory, low word first."""
     if config.is_image:
         return 2 if select == ImageMemory.BIASES else 1
-    words: dict[int, int] = {Memory.ADDENDS: config.addend_parts, Memory.MEANS: config.mean_words}
+    words: dict[int, int] = {Memory.MEANS: config.mean_words}
+    if config.is_forest:  # a power of two, so that the host's address needs no division
+        words[Memory.NODES] = 1 << (node_words(config) - 1).bit_length()
+    else:
+        words[Memory.ADDENDS] = config.addend_parts
     return words.get(select, 1)
 
 

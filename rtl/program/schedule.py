@@ -6,7 +6,13 @@ from eskin.golden.core import SUMMED, AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.scheduler import Schedule, Scheduler
-from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, VERDICT_CYCLES, detector_latency, logit_to_decision
+from eskin.rtl.program.timing import (
+    FRAME_EXTRA_CYCLES,
+    VERDICT_CYCLES,
+    detector_latency,
+    forest_cycles,
+    logit_to_decision,
+)
 
 IMAGE_START_CYCLES = 2
 """Cycles from the last pixel of an image to the start of the engine."""
@@ -29,6 +35,8 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
 def step_cycles(config: AcceleratorConfig) -> int:
     """Cycles of a step up to its decision; of an image, for which there is no schedule of slots, from its
     start."""
+    if config.is_forest:
+        return forest_cycles(config) - 1 + logit_to_decision(config)
     return (
         plan_of(config).logit_cycles + logit_to_decision(config)
         if config.is_image
@@ -43,6 +51,8 @@ def longest_step(config: AcceleratorConfig) -> int:
 
 def decision_cycles(config: AcceleratorConfig) -> int:
     """Cycles from the last feature of a window, or the last pixel of an image, to the decision."""
+    if config.is_forest:
+        return forest_cycles(config) + logit_to_decision(config)
     return step_cycles(config) + IMAGE_START_CYCLES if config.is_image else schedule(config).decision_cycles
 
 

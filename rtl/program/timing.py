@@ -8,6 +8,18 @@ from eskin.golden.core import AcceleratorConfig
 ELEMENT_OPERAND_BITS = 16
 
 
+SCALE_BITS = 15
+"""Bits of a scale, which is positive; trees' engine adds a product up from them, one a cycle."""
+SCALING_CYCLES = SCALE_BITS + 3
+"""Cycles from a sum to the next one in the engine of trees: read, load, SCALE_BITS, store."""
+
+
+def forest_cycles(config: AcceleratorConfig) -> int:
+    """Cycles of a step of trees up to its last logit."""
+    walks = 2 * config.forest.trees * config.forest.depth
+    return 2 * config.classes + SCALING_CYCLES * config.inputs + walks + 3
+
+
 STATE_BEATS = 3
 """Read-after-write distance of the per-taxel state memories, in beats."""
 VERDICT_CYCLES = 3

@@ -14,6 +14,7 @@ from eskin.rtl.common import decision_layout, drive, forward, has_door, inputs, 
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.engine.engine import Engine
+from eskin.rtl.engine.forest import ForestEngine
 from eskin.rtl.frontend.frame_door import FrameDoor
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.host.control import FedBy, HostControl, bus_signature
@@ -170,7 +171,7 @@ class Accelerator(wiring.Component):
         """Front end and engine of recordings."""
         config, control = self._config, self.control
         front_end = self.front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
-        engine = Engine(config, self._images)
+        engine = (ForestEngine if config.is_forest else Engine)(config, self._images)
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
         m.submodules.engine = ResetInserter(control.restart | begin_anew)(engine)
         frames = wiring.flipped(self.i)

@@ -21,8 +21,11 @@ def longest_wait(config: AcceleratorConfig) -> int:
     """
     if config.is_image:  # from the last pixel to the decision
         return step_cycles(config) + frame_cycles(config) + 4 * config.classes + QUIET_CYCLES
-    code = Microcode(schedule(config))
-    step = code.idle_words + len(code.slots)
+    if config.is_forest:
+        step = step_cycles(config)
+    else:
+        code = Microcode(schedule(config))
+        step = code.idle_words + len(code.slots)
     ring = (
         (config.ring_frames + 2) * frame_cycles(config)
         if config.windows.window_mode == "touch"

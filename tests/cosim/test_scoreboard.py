@@ -185,10 +185,10 @@ def test_fault_flags_at_the_end(expected, events, flagged, words, sentence):
 
 
 def test_an_overrun_and_a_stalled_input_are_believed_only_where_they_can_be(expected, events):
-    """The third window ends in frame 12, in cycle 240: it can have to wait for room only while the first one's step is
-    not over. At a pace that is not known both are."""
+    """The third window ends in frame 12, so its first sum comes behind frame 11, in cycle 220: it can have to wait for room
+    only while the first one's step is not over. At a pace that is not known both are."""
     registers = events[5, "end"] | {"FAULTS": 8}
-    for first, accepted, sentence in ((240, TAKEN, "expected 0, got 8"), (241, TAKEN, None), (9, None, None)):
+    for first, accepted, sentence in ((220, TAKEN, "expected 0, got 8"), (221, TAKEN, None), (9, None, None)):
         scoreboard = Scoreboard(CONFIG, MAP)
         scoreboard.begin(Recording(expected, 0))
         for stage in FLAT_STAGES:

@@ -11,9 +11,10 @@ from eskin.golden.model import IntegerModel
 from eskin.golden.model.pipeline import decide
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.engine import Engine
+from eskin.rtl.engine.forest import ForestEngine
 from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, put, simulate, values
 
@@ -22,7 +23,8 @@ class EngineBench(wiring.Component):
     """Engine and classifier wired as in the accelerator."""
 
     def __init__(self, config: AcceleratorConfig, images) -> None:
-        self.engine, self.classifier = Engine(config, images), Classifier(config)
+        engine = ForestEngine if config.is_forest else Engine
+        self.engine, self.classifier = engine(config, images), Classifier(config)
         # there constants share a memory with partial sums
         self.platform = "ecp5" if config.hardware.lanes > 2 else None
         super().__init__(
@@ -100,7 +102,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     """Simulate; returns streams as `expected`, decision cycles, start cycles and step cycles."""
     config = model.config
     dut = EngineBench(config, memory_images(config, model.arrays))
-    bench = Bench(dut, seed=seed, quiet=500 + schedule(config).step_cycles, max_cycles=60_000)
+    bench = Bench(dut, seed=seed, quiet=500 + step_cycles(config), max_cycles=60_000)
     engine = dut.engine
     seen = {"feature": [], "state": [], "logit": [], "started": [], "slots": []}
     bench.drive(dut.i, beats(config, centred), stall=stall)
@@ -155,11 +157,13 @@ def check_exact(model: IntegerModel, centred: np.ndarray, **options):
 def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
     """And every step and decision takes the schedule's cycles."""
     model = random_integer_model(config, seed=7 + config.hardware.lanes)
-    seen, decisions = check_exact(model, windows(model.config, touches=touches, seed=config.hardware.lanes))
-    plan = schedule(model.config)
+    config = model.config
+    seen, decisions = check_exact(model, windows(config, touches=touches, seed=config.hardware.lanes))
     local = [d.cycle for d in decisions if not d.value["is_global"]]
-    assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
-    assert set(seen["slots"]) == {plan.step_cycles}
+    assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [decision_cycles(config)] * len(
+        local
+    )
+    assert set(seen["slots"]) == {step_cycles(config)}
 
 
 @pytest.mark.parametrize("lanes", [3, 12])
