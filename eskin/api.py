@@ -80,7 +80,7 @@ class Model:
     ----------
     config : str, path, Config or None
         For `fit`: a preset's name, a file or a configuration; None: a front end is chosen by evidence.
-    cell : {"auto", "gru", "lstm", "linear"}, for images {"tactnet", "tactnet-half", "four", "four-lean"}, or
+    cell : {"auto", "gru", "lstm", "linear", "trees"}, for images {"tactnet", "tactnet-half", "four", "four-lean"}, or
     None
         For `fit`: the cell; None as "auto", the smallest network that is enough, where neither `config` nor
         `hidden` is given.

@@ -50,6 +50,7 @@ KINDS: dict[str, dict[str, Any]] = {
         "feature_scale": "taxel",
         "decision": "last",
     },
+    "trees": {"cell": "trees", "decision": "last", "trees": 3, "depth": 3, "nodes": 3},
     "gru-before": {},
     "gru-after": {"reset": "after", **WIDE},
     "lstm": {"cell": "lstm", **WIDE},
@@ -105,7 +106,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "quantise {model} --data {data} --readout prototypes --group person",
         ("linear", "lstm", "image"),
     ),
-    "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
+    "evaluate": ("evaluate {model} --data {data}", ("trees", "early", "image")),
     "evaluate --against": (
         "evaluate {model} --against {model}/config.json",
         ("following", "prototypes", "image"),
@@ -114,12 +115,18 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),
-    "export --to c": ("export {model} --to c --out {out}/c", ("linear", "scanned", "following", "image")),
-    "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "following", "image")),
+    "export --to c": (
+        "export {model} --to c --out {out}/c",
+        ("linear", "trees", "scanned", "following", "image"),
+    ),
+    "export --to onnx": (
+        "export {model} --to onnx --out {out}/onnx",
+        ("trees", "lstm", "following", "image"),
+    ),
     "export --exact": ("export {model} --to onnx --exact --out {out}/onnx", ("early", "following")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
-    "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
-    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear",)),
+    "schedule": ("schedule {model} --out {out}", ("trees", "gru-before", "image")),
+    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "trees")),
     "cosim netlist": (
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
         ("converter",),
@@ -143,7 +150,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
-        ("linear", "image"),
+        ("linear", "trees", "image"),
     ),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --touches 6 --out {out}",
@@ -157,10 +164,29 @@ it on all."""
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("import",),
-        tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", "chosen")),
+        tuple(
+            kind for kind in KINDS if kind not in ("linear", "trees", "gru-after", "lstm", "image", "chosen")
+        ),
         "has reset after, not before; use --reset after",
     ),
     (("import",), ("linear",), "is to be a linear cell, which is read from ONNX"),
+    (("import",), ("trees",), "field cell: is 'trees', which this verb does not take"),
+    (
+        ("export --to onnx", "export --exact"),
+        ("trees",),
+        "field cell: is 'trees', which export --to onnx does not take",
+    ),
+    (("schedule",), ("trees",), "field cell: is 'trees', which walk in a fixed order without a schedule"),
+    (
+        ("quantise --quantisation-aware", "enrol", "enrol --evaluate"),
+        ("trees",),
+        "field cell: is 'trees', which have no weights to train further",
+    ),
+    (
+        ("quantise --readout", "enrol --evaluate --readout"),
+        ("trees",),
+        "field readout: is 'prototypes', and trees have no trajectory",
+    ),
     (("train --fits",), ("image",), "--fits: networks for images have none"),
     (
         ("generate --streams",),
@@ -198,7 +224,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "field readout: is 'prototypes', which ONNX does not have",
     ),
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
-    (("import onnx",), ("prototypes", "image"), "--config: is missing"),
+    (("import onnx",), ("trees", "prototypes", "image"), "--config: is missing"),
     (
         ("enrol", "quantise --quantisation-aware"),
         ("prototypes",),
@@ -369,7 +395,7 @@ class Case:
 
     def onnx(self) -> Path | str:
         """An exported network; of an image's kind a torch one, which has no configuration in it."""
-        if self.kind in ("image", "prototypes"):
+        if self.kind in ("trees", "image", "prototypes"):
             return weights_of(self.configuration, self.out / "weights.pt")
         assert call("export", f"{self.model()}", "--to", "onnx", "--out", f"{self.out}/net") == 0
         shutil.rmtree(self.out / "trained")

@@ -591,7 +591,7 @@ def shortened(candidate: Candidate, share: int) -> Recipe:
 def check_units(cell: str | None, hidden: int | None) -> None:
     """Raise InputError for a number of units with a cell that has no units, or with a cell that is still to
     be chosen."""
-    if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
+    if hidden is not None and cell in (AUTO, "linear", "trees", *NETWORKS):
         raise InputError(
             f"`hidden` {hidden}: `cell` {cell} has no hidden units; leave `hidden` out, or name `cell` "
             "gru or lstm"

@@ -353,6 +353,11 @@ def import_network(
             f"configuration '{config.name}': is a network for images, which this verb does not take; train it "
             "here with 'eskin train'"
         )
+    if config.is_forest:
+        raise InputError(
+            f"configuration '{config.name}', field cell: is 'trees', which this verb does not take; a forest of scikit-learn "
+            "is read by eskin.training.trees.forest_arrays"
+        )
     if (mean is None) != (std is None):
         raise InputError(
             f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "

@@ -25,11 +25,15 @@ def check_exportable(config: AcceleratorConfig) -> None:
     Raises
     ------
     InputError
-        A network for images, or a readout that is not a dense layer.
+        A network for images, trees, or a readout that is not a dense layer.
     """
     if config.is_image:
         raise InputError(
             f"model '{config.name}': is a network for images, which export --to onnx does not take; use --to c"
+        )
+    if config.is_forest:
+        raise InputError(
+            f"configuration '{config.name}', field cell: is 'trees', which export --to onnx does not take; use --to c"
         )
     if config.has_prototypes:
         raise InputError(

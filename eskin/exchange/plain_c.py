@@ -89,6 +89,14 @@ def _frame_tables(model: IntegerModel) -> list[Table]:
     if config.sensor.masked_taxels:
         mask = [taxel in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
         tables.append(_table("MASK", mask, "1: the taxel is out of use", "uint8_t"))
+    if config.is_forest:
+        return [
+            *tables,
+            _table("INPUT", arrays["tree_input"], "of a comparison: window * inputs + input", "int32_t"),
+            _table("THRESHOLD", arrays["threshold"], f"{formats.feature_format}, above it side 1", "int16_t"),
+            _table("CHILD", arrays["child"], "next node; -1 - class: a vote", "int16_t"),
+            _table("VOTE", arrays["vote"], "on the scale of logits", "int8_t"),
+        ]
     if config.recurrent:
         stacked = lambda kind: np.concatenate([arrays[f"{kind}_{gate}"] for gate in config.gates])
         order = f"rows of gates {', '.join(config.gates)}"

@@ -244,7 +244,7 @@ def hello(
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)
     return {
         "name": config.name,
-        "network": f"{network.cell.upper()} {network.hidden}" if config.recurrent else "linear",
+        "network": f"{network.cell.upper()} {network.hidden}" if config.recurrent else network.cell,
         "taxels": config.sensor.taxels,
         "masked": list(config.sensor.masked_taxels),
         "rate": config.sensor.sample_rate_hz,

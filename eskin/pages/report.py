@@ -94,8 +94,9 @@ def _split_name(split: Record, things: str = "recordings") -> str:
 
 
 def network_label(config: AcceleratorConfig) -> str:
-    """``GRU 12`` or ``linear``."""
-    return f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear"
+    """``GRU 12``, ``linear`` or ``trees``."""
+    network = config.network
+    return f"{network.cell.upper()} {network.hidden}" if config.recurrent else network.cell
 
 
 def _network(config: AcceleratorConfig) -> str:

@@ -255,7 +255,7 @@ def scheduled_activity(
     return Activity(
         step_cycles=step_cycles,
         step_toggles=STEP_TOGGLES * step_cycles,
-        step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
+        step_multiplies=(config.multiplies + config.inputs) if multipliers and not config.is_forest else 0,
         touch_frames=config.last_frame,
         frame_cycles=frame_cycles,
         quiet_frame_cycles=quiet_frame_cycles,

@@ -16,6 +16,7 @@ from eskin.training.losses import EpochReporter, Progress, class_loss, descend, 
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
 from eskin.training.recipe import Recipe
+from eskin.training.trees import fit_forest
 
 FINE_TUNING_TEACHER = 0.9
 """Share of the float network's class probabilities in the targets of quantisation-aware training; the rest
@@ -64,10 +65,6 @@ def fit_networks(
 
     told: receives the losses during training. A linear cell is solved, not trained, and has none.
     """
-    if config.is_forest:
-        raise InputError(
-            f"configuration '{config.name}', field cell: is 'trees', which are not fitted yet; use another cell"
-        )
     for rows in parts:
         if not len(rows):
             raise InputError(
@@ -75,7 +72,7 @@ def fit_networks(
             )
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
-        return _fit_linear(data, config, recipe, parts, generator, progress)
+        return _fit_solved(data, config, recipe, parts, generator, progress)
     models, updates = list[FloatModel](), recipe.updates
     shares = [parts[first : first + TOGETHER] for first in range(0, len(parts), TOGETHER)]
     for number, share in enumerate(shares):
@@ -106,7 +103,7 @@ def fit_networks(
     return models
 
 
-def _fit_linear(
+def _fit_solved(
     data: Dataset,
     config: AcceleratorConfig,
     recipe: Recipe,
@@ -114,7 +111,7 @@ def _fit_linear(
     generator: torch.Generator,
     progress: Progress,
 ) -> list[FloatModel]:
-    """A logistic regression for each part: on touches that the recipe draws from the part, or on the part
+    """A linear cell or trees for each part: on touches that the recipe draws from the part, or on the part
     itself if the recipe augments nothing."""
     models: list[FloatModel] = []
     fitted: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same network
@@ -135,8 +132,14 @@ def _fit_linear(
             again, ends = cut_short(counts.sum(axis=1), config.windows.steps)
             counts = np.r_[counts, np.arange(config.windows.steps) < ends[:, None]]
             features, labels = np.r_[features, features[again]], np.r_[labels, labels[again]]
-            features = features * counts[..., None]  # a step that was not recorded adds nothing
             mu, sigma = batches.scales[0]
+            if config.is_forest:
+                sized, arrays = fit_forest(config, features, counts, labels, generator.initial_seed())
+                models.append(FloatModel(sized, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)}))
+                fitted[rows.tobytes()] = models[-1]
+                progress(number + 1, len(parts))
+                continue
+            features = features * counts[..., None]  # a step that was not recorded adds nothing
             if recipe.sturdy:
                 arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
             elif recipe.averaged:
@@ -173,6 +176,11 @@ def train_integers(
     """
     groups: dict[AcceleratorConfig, list[int]] = {}
     for m, start in enumerate(starts):
+        if start.config.is_forest:
+            raise InputError(
+                f"configuration '{start.config.name}', field cell: is 'trees', which have no weights to train further; train "
+                "them again with all recordings"
+            )
         groups.setdefault(start.config, []).append(m)
     trained: dict[int, tuple[IntegerModel, Arrays]] = {}
     for number, (config, members) in enumerate(groups.items()):

@@ -25,6 +25,7 @@ from eskin.golden.model import (
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.training.formats import normaliser_constants
+from eskin.training.trees import forest_codes
 
 Range = tuple[float, float]
 
@@ -75,6 +76,9 @@ SIGNALS = {
 LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit", LAST_LOGIT, LAST_MARGIN)
 """Signals of a linear cell."""
 
+FOREST_SIGNALS = ("feature", COVERED_FEATURE, "logit")
+"""Signals of trees."""
+
 LOGIT_HEADROOM = 2.0
 """Logits outside the profiled recordings may be this many times larger before they saturate."""
 
@@ -112,6 +116,8 @@ class Profile:
 
 def signals(config: AcceleratorConfig) -> tuple[str, ...]:
     """The signals that the configured cell has."""
+    if config.is_forest:
+        return FOREST_SIGNALS
     return tuple(SIGNALS)[:-1] if config.recurrent else LINEAR_SIGNALS
 
 
@@ -137,6 +143,11 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
     features = float_features(model, touches)[:, : config.windows.steps]
     complete = np.arange(features.shape[1]) < touches.completed[:, None]
     features[~complete] = 0.0
+    profiler.note("feature", features)
+    covered = float(np.quantile(np.abs(features[complete]), FEATURE_COVERAGE))
+    if config.is_forest:
+        profiler.note("logit", model.forward(features)[1])
+        return profiler.ranges | {COVERED_FEATURE: (-covered, covered)}
     parameters = {name: torch.tensor(array, dtype=torch.float64) for name, array in model.arrays.items()}
     with torch.no_grad():
         logits = run_cell(profiler, config, parameters, torch.from_numpy(features))[1]
@@ -146,8 +157,6 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
         profiler.ranges[LAST_LOGIT] = (float(last.min()), float(last.max()))
         lead = np.diff(np.sort(last, axis=1)[:, -2:], axis=1)
         profiler.ranges[LAST_MARGIN] = (float(np.quantile(lead, CLOSE)), float(lead.max()))
-    profiler.note("feature", features)
-    covered = float(np.quantile(np.abs(features[complete]), FEATURE_COVERAGE))
     kinds = {"W": "weight", "U": "recurrent", "b": "bias", "bh": "bias"}
     for name, array in merged_parameters(model).items():
         profiler.note({"V": "dense", "b_y": "dense bias"}.get(name) or kinds[name.partition("_")[0]], array)
@@ -380,6 +389,15 @@ def choose_formats(
             _whole_bits(feature, feature_frac_limit), min(feature.frac_bits, feature_frac_limit)
         )
         gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
+        if config.is_forest:
+            if weight_bits:
+                raise InputError(
+                    f"quantisation, field dense_format: {weight_bits} bits were requested, and trees have no weights; leave "
+                    "them out"
+                )
+            return config.replace(
+                gate_frac=gate_frac, feature_format=feature, feature_shift=(), aligned_means=False
+            )
         return _linear_formats(config.replace(gate_frac=gate_frac), ranges, weight_bits, feature, lean, plain)
     weight_bits = weight_bits or WEIGHT_BITS
     state_int = 4 if config.network.cell == "lstm" or config.network.reset == "after" else 2
@@ -517,7 +535,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     """
     mu, sigma = model.arrays["mu"], model.arrays["sigma"]
     bits = widths.get("weight_bits") or WEIGHT_BITS
-    if 2 <= bits < WEIGHT_BITS:  # fewer than 2 are refused by choose_formats
+    if 2 <= bits < WEIGHT_BITS and not model.config.is_forest:  # fewer than 2 are refused by choose_formats
         ranges = dict(ranges) | _closest_ranges(model, bits)
     # presets keep their formats bit for bit: published figures were made with them
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
@@ -530,8 +548,12 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     config, mean, scale = normaliser_constants(
         config, mu, sigma, aligned=widths.get("lean", False) and config.constants == 1
     )
-    formats = network_formats(config)
-    arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}
+    arrays = merged_parameters(model)
+    if config.is_forest:
+        config, arrays = forest_codes(config, arrays)
+    else:
+        formats = network_formats(config)
+        arrays = {name: formats[name].quantise(array) for name, array in arrays.items()}
     return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")
 
 

@@ -14,6 +14,7 @@ from eskin.golden.core import AcceleratorConfig, QFormat, Result
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.model import float_images, layer_formats, run_images
 from eskin.golden.model.cells import Fixed, Float, run_cell
+from eskin.golden.model.forest import run_forest
 from eskin.golden.model.image_network import layer_by_layer
 from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
 from eskin.golden.model.pipeline import feature_codes, float_features
@@ -77,6 +78,9 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     codes = formats.feature_format.to_real(feature_codes(integer, touches))
     features = [values[:, :steps].astype(np.float64) for values in (float_features(real, touches), codes)]
 
+    if config.is_forest:
+        return _forest_errors(real, integer, features, complete)
+
     def run(stages: Collection[str]) -> tuple[_Arithmetic, np.ndarray]:
         """The network with these stages as in the integer model: the values of all stages, and the logits."""
         arithmetic = _Arithmetic(config, stages)
@@ -112,6 +116,33 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
             at_ends, used = float(np.mean(reach > 1)), min(1.0, reach.max())
         errors.append(_figures(stage, np.abs(values - wanted), at_ends, used, alone))
     return errors
+
+
+def _forest_errors(
+    real: FloatModel, integer: IntegerModel, features: Sequence[np.ndarray], complete: np.ndarray
+) -> list[StageError]:
+    """The figures of trees: of the features, real and of the integer model, and of the logits, which integer thresholds and
+    votes alone move, too."""
+    config, formats = integer.config, integer.config.formats
+    nodes = {name: np.asarray(array, dtype=np.float64) for name, array in integer.arrays.items()}
+    nodes["threshold"] = formats.feature_format.to_real(integer.arrays["threshold"])
+    nodes["vote"] = formats.logit_format.to_real(integer.arrays["vote"])
+    logits, other_features, other_nodes, exact = (
+        run_forest(config, arrays, values)[1] for arrays in (real.arrays, nodes) for values in features
+    )
+
+    def figures(
+        stage: str, fmt: QFormat, wanted: np.ndarray, values: np.ndarray, moved: np.ndarray
+    ) -> StageError:
+        codes = values[complete] * 2.0**fmt.frac_bits
+        used = np.abs(codes).max() / fmt.magnitude
+        error, alone = np.abs(values - wanted)[complete], np.abs(moved - logits)[complete]
+        return _figures(stage, error, _at_ends(codes, fmt), used, alone)
+
+    return [
+        figures("features", formats.feature_format, features[0], features[1], other_features),
+        figures("logits", formats.logit_format, logits, exact, other_nodes),
+    ]
 
 
 def layer_errors(real: FloatModel, integer: IntegerModel, images: np.ndarray) -> list[StageError]:

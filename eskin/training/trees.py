@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays
+from eskin.golden.core import AcceleratorConfig, Arrays, QFormat
+from eskin.golden.core.config import VOTE_BITS, WIDEST_SCORE
 
 
-def forest_arrays(config: AcceleratorConfig, fitted: Any) -> tuple[AcceleratorConfig, Arrays]:
+def forest_arrays(config: AcceleratorConfig, fitted: Any) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
     """The configuration with the forest's sizes, and its arrays, real.
 
     The roots come first, then each tree's other nodes in scikit-learn's order, parents before children. A leaf votes for its
@@ -42,3 +43,45 @@ def forest_arrays(config: AcceleratorConfig, fitted: Any) -> tuple[AcceleratorCo
                 arrays["vote"][place, side] = shares.max() if ends else 0.0
     depth = max(1, *(tree.max_depth for tree in trees))
     return config.replace(trees=len(trees), nodes=nodes, depth=depth), arrays
+
+
+def fit_forest(
+    config: AcceleratorConfig, features: np.ndarray, counts: np.ndarray, labels: np.ndarray, seed: int
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+    """A random forest of ``trees`` trees, of at most ``depth`` comparisons each: `forest_arrays` of scikit-learn's.
+
+    Parameters
+    ----------
+    features, counts:
+        (touches, K, D), and which steps a touch has (touches, K); a step that it does not have gets the features of its last
+        one.
+
+    Raises
+    ------
+    InputError
+        The trees have more nodes than a configuration may.
+    """
+    from sklearn.ensemble import RandomForestClassifier
+
+    last = np.maximum(counts.sum(axis=1).astype(int) - 1, 0)
+    windows = np.minimum(np.arange(features.shape[1]), last[:, None])
+    inputs = features[np.arange(len(features))[:, None], windows].reshape(len(features), -1)
+    forest = config.forest
+    fitted = RandomForestClassifier(forest.trees, max_depth=forest.depth, random_state=seed % (1 << 32))
+    return forest_arrays(config, fitted.fit(inputs, labels))
+
+
+def forest_codes(
+    config: AcceleratorConfig, arrays: Arrays
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+    """Integers of trees, and the configuration with the format of their logits: the finest in which the votes have VOTE_BITS
+    bits. A threshold is rounded down, because a feature's code was rounded to the nearest."""
+    feature, largest = config.formats.feature_format, max(float(np.abs(arrays["vote"]).max()), 2.0**-8)
+    frac = int(np.floor(np.log2(((1 << VOTE_BITS - 1) - 0.5) / largest)))
+    threshold = np.floor(arrays["threshold"] * 2.0**feature.frac_bits)
+    codes = dict(arrays) | {
+        "threshold": threshold.clip(feature.min_code, feature.max_code),
+        "vote": np.rint(arrays["vote"] * 2.0**frac),
+    }
+    sized = config.replace(logit_format=QFormat(WIDEST_SCORE - frac, frac))
+    return sized, {name: code.astype(np.int64) for name, code in codes.items()}

@@ -45,7 +45,7 @@ from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synth
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.program.schedule import decision_cycles, lowest_clock_hz, schedule, step_cycles
+from eskin.rtl.program.schedule import decision_cycles, lowest_clock_hz, step_cycles
 from eskin.rtl.top import accelerator
 from eskin.study.energy import TOUCHES_PER_S
 from eskin.study.touch_ends import with_touches
@@ -354,7 +354,7 @@ def measured(
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
     differing = sum(decision != other for decision, other in zip_longest(decisions, expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
-    clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
+    clock = max(lowest_clock_hz(config), decision_cycles(config) / limits(config)["decision"])
     spent = joule * ZEPTO + cost.root_j * edges
     return summary(config, decided, edges, spent, onset, cost.root_j, leakage_w, clock) | {
         "bit_exact": not differing and bool(decisions),
@@ -386,7 +386,7 @@ def summary(
     """
     decided = np.flatnonzero(decisions)
     of_steps = np.zeros(len(frame), bool)
-    around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
+    around = NEAR + step_cycles(config) // (2 * config.sensor.taxels + DRAIN_CYCLES)
     around = min(around, max(1, (config.windows.hop - 1) // 2 - 1))
     for row in decided:
         of_steps[max(0, row - around) : row + around + 1] = True

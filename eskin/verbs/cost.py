@@ -145,7 +145,16 @@ def sizes(config: AcceleratorConfig) -> Hashable:
     widths = config.operand_bits, config.weight_bits, config.accumulator_bits, config.score_format.width
     features = dataclasses.replace(config.features, feature_shift=(), aligned_means=False)
     parts = config.sensor, config.rest_level, config.onset_rule, config.faults, config.windows, config.network
-    return *parts, features, config.mean_words, config.readout_rule, config.hardware, widths, table
+    return (
+        *parts,
+        features,
+        config.mean_words,
+        config.readout_rule,
+        config.forest,
+        config.hardware,
+        widths,
+        table,
+    )
 
 
 @lru_cache(maxsize=1024)

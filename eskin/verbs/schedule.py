@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cli.common import LaneOptions, argument, console, option, parse_lanes, say
-from eskin.golden.core import PRESETS, check_target, replacing
+from eskin.golden.core import PRESETS, InputError, check_target, replacing
 from eskin.golden.model import load_config
 from eskin.pages.views import terminal_table
 from eskin.rtl.image.image_engine import refuse_hardware
@@ -26,6 +26,10 @@ def command(request: ScheduleRequest) -> None:
     config = PRESETS.get(str(request.model)) or load_config(request.model)
     config = config.with_lanes(*parse_lanes(request.lanes))
     check_target(request.out / "schedule")
+    if config.is_forest:
+        raise InputError(
+            f"configuration '{config.name}', field cell: is 'trees', which walk in a fixed order without a schedule"
+        )
     view: Any = image_view if config.is_image else schedule_view
     if config.is_image:
         refuse_hardware(config)

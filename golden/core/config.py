@@ -940,6 +940,8 @@ class AcceleratorConfig:
     def accumulator_bits(self) -> int:
         """Bits of a row accumulator, so many that no sum can overflow. At least 18, so that an addend never
         fits one host word."""
+        if self.is_forest:
+            return self.formats.logit_format.width
         if self.is_image:
             return images.accumulator_bits(self.stages, self.weight_bits, self.layer_shifts)
         return max(18, signed_bits(self.accumulator_bound))
@@ -967,7 +969,9 @@ class AcceleratorConfig:
 
     @property
     def step_ideal(self) -> int:
-        """ceil(multiplies / lanes), cycles."""
+        """ceil(multiplies / lanes), of trees comparisons; cycles."""
+        if self.is_forest:
+            return self.forest.trees * self.forest.depth
         return -(-self.multiplies // self.hardware.lanes)
 
     # ------------------------------------------------------------------ fields by name, files

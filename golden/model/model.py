@@ -342,12 +342,7 @@ def load_config(folder: str | Path) -> AcceleratorConfig:
             f"model '{folder}': has no {CONFIG_FILE}, so it is not a model folder; name the folder that 'eskin "
             "train' wrote"
         )
-    config = AcceleratorConfig.load(path)
-    if config.is_forest:
-        raise InputError(
-            f"model '{folder}', field cell: is 'trees', which no verb takes yet; use another cell"
-        )
-    return config
+    return AcceleratorConfig.load(path)
 
 
 def load_training(folder: str | Path) -> Record:

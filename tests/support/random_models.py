@@ -32,7 +32,8 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
         filled = config
     arrays: dict[str, np.ndarray] = {"mean": mean, "scale": scale}
     if config.is_forest:
-        threshold = rng.normal(0, 1.0, config.forest.nodes)
+        # a third are 0, which the features of masked taxels are
+        threshold = rng.normal(0, 1.0, config.forest.nodes) * (rng.random(config.forest.nodes) > 0.33)
         arrays |= random_forest(config, rng) | {
             "threshold": config.formats.feature_format.quantise(threshold)
         }

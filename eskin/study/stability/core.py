@@ -437,6 +437,7 @@ NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
         "the fault detector is off; fault_frames of the configuration switches it on",
     ),
     "state": (lambda config: config.recurrent, "a linear cell has no state, no gates and no tables"),
+    "weights": (lambda config: not config.is_forest, "trees have no weights"),
     "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
 }
 """Parts of a configuration that a mode may need, and the sentence for a mode that is not run without them."""

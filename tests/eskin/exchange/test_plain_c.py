@@ -59,6 +59,9 @@ def verdict(folder: Path, *compiler: str, prefix: str = "eskin") -> str:
     return subprocess.run(["./check"], cwd=folder, capture_output=True, text=True).stdout
 
 
+TREES = RING.replace(cell="trees", decision="last", trees=5, depth=4, nodes=40)
+
+
 def exported(config: AcceleratorConfig, seed: int, folder: Path) -> dict:
     """A model with random weights in ``folder``, whose check plays recordings that reach most rules."""
     model, recordings = model_of(config, seed), None
@@ -83,7 +86,7 @@ def test_random_models_decide_as_the_golden_one(tmp_path_factory, config, seed):
 
 
 @pytest.mark.parametrize(
-    "config", [IMAGES, RING, EVENTS, FOLLOWING], ids=["image", "ring", "events", "following"]
+    "config", [IMAGES, RING, EVENTS, FOLLOWING, TREES], ids=["image", "ring", "events", "following", "trees"]
 )
 def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path):
     count = exported(config, 3, tmp_path / "c")["decisions"]
@@ -104,6 +107,8 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
         (FOLLOWING, "s->doublings++;", ";"),
         (FOLLOWING, "hop = 0; hop < stop", "hop = first; hop < stop"),
         (FOLLOWING, "(k < m ? k : m - 1)", "(k < m ? k : 0)"),
+        (TREES, "window < s->step ? window : s->step", "window"),
+        (TREES, "] > THRESHOLD", "] >= THRESHOLD"),
     ],
 )
 def test_the_comparison_finds_a_bug_in_the_c(config, right, wrong, tmp_path):

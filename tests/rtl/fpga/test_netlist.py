@@ -59,21 +59,24 @@ def play(model, recordings, tmp_path):
 
 
 LINEAR = with_network(CONFIG, cell="linear")
+TREES = with_network(CONFIG, cell="trees").replace(trees=3, nodes=20, depth=4, lane_type="dsp")
+"""Its nodes are in large memories."""
 
 
 @pytest.mark.parametrize(
-    "model, target, multiplier",
+    "model, target, cell",
     [
         (LINEAR, "icebreaker", "SB_MAC16"),
+        (TREES, "icebreaker", "SB_SPRAM256KA"),
         pytest.param(CONFIG, "ulx3s", "MULT18X18D", marks=pytest.mark.slow),
         pytest.param(CONFIG, "tangnano9k", "MULT", marks=pytest.mark.slow),
     ],
-    ids=["linear", "ecp5", "gowin"],
+    ids=["linear", "trees", "ecp5", "gowin"],
     indirect=["model"],
 )
-def test_the_netlist_is_exact(model, play, target, multiplier):
+def test_the_netlist_is_exact(model, play, target, cell):
     hardware, cells = netlist_of(model.config, model.arrays, target)
-    assert any(name.startswith(multiplier) and count for name, count in cells.items())
+    assert any(name.startswith(cell) and count for name, count in cells.items())
     result = play(hardware)
     assert result.mismatch_list == [] and result.bit_exact
     assert (result.level, result.target) == ("netlist", target)
