@@ -269,7 +269,7 @@ class Scoreboard:
         # frame before its last one
         waits = (
             accepted is None
-            or (np.array(self._offered)[local][: len(ends)] > np.array(accepted)[ends - 2]).any()
+            or (np.array(self._offered)[local][: len(ends)] > np.array([0, *accepted])[ends - 1]).any()
         )
         flags = np.flatnonzero(arrays["flags"][position]).tolist() if "flags" in arrays else []
         want = registers_behind(

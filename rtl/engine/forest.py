@@ -166,18 +166,18 @@ class ForestEngine(wiring.Component):
 
         # ---------------------------------------------------------------- sums of the classes
         width = config.formats.logit_format.width
-        held, put = working_memory(m, "scores", signed(width), classes)
+        summed, put = working_memory(m, "scores", signed(width), classes)
         voted, vote, adds = Signal.like(number), Signal(signed(VOTE_BITS)), Signal()
         m.d.sync += [voted.eq(child[VOTE_BITS:-1]), vote.eq(child[:VOTE_BITS].as_signed()), adds.eq(votes)]
-        drive(m, held, addr=Mux(giving, number, child[VOTE_BITS:-1]), en=giving | votes)
+        drive(m, summed, addr=Mux(giving, number, child[VOTE_BITS:-1]), en=giving | votes)
         drive(
             m,
             put,
             addr=Mux(clearing, number, voted),
-            data=Mux(clearing, 0, held.data + vote),
+            data=Mux(clearing, 0, summed.data + vote),
             en=clearing | adds,
         )
-        drive(m, self.logit, valid=given, value=held.data)
+        drive(m, self.logit, valid=given, value=summed.data)
         if config.hardware.checksum:
             m.d.comb += self.check_failed.eq(
                 (scaling & (turn == 1) & scale.xor()) | (looks & ~ended & node_read.data.xor())

@@ -209,7 +209,7 @@ def register_map(config: AcceleratorConfig) -> Record:
         },
         "measures": {measure.name: int(measure) for measure in Measure},
         "memories": {
-            "WEIGHTS0" if config.is_image else "LANE0": 0,
+            **({} if config.is_forest else {"WEIGHTS0" if config.is_image else "LANE0": 0}),
             **{memory.name: int(memory) for memory in named},
         },
         "longest_step": longest_step(config),
