@@ -102,9 +102,7 @@ def configurations(draw: st.DrawFn, wish: Mapping[str, Any] | None = None) -> Ac
 
     pick, wish = picking(draw), dict(wish or {})
     (cell, reset), lane_type = (
-        pick(
-            ("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before"), ("trees", "before")
-        ),
+        pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
         pick("plain", "dsp"),
     )
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
@@ -121,7 +119,6 @@ def configurations(draw: st.DrawFn, wish: Mapping[str, Any] | None = None) -> Ac
         pretrigger = 0 if onset == "immediate" else pick(0, 1, 3, 6)
     rest = wish.get("rest") or pick(*RESTS[onset])
     hits, of_frames = pick((1, 1), (2, 3), (3, 3))
-    trees, depth = pick(3, 1, 2, 5), pick(3, 1, 2, 6)
     fields = {name: draw(st.sampled_from(options)) for name, options in FIELDS.items()}
     fields |= {
         name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()
@@ -160,13 +157,14 @@ def configurations(draw: st.DrawFn, wish: Mapping[str, Any] | None = None) -> Ac
         steps=steps,
         cell=cell,
         reset=reset,
-        trees=trees,
-        depth=depth,
-        nodes=min(trees * ((1 << depth) - 1), trees + pick(6, 0, 20)),
         class_names=tuple(f"c{k}" for k in range(classes)),
         early_steps=min(steps, pick(1, 2)),
         lane_type=lane_type,
     )
+    if wish.get("cell") == "trees" or (cell == "linear" and pick(False, True)):
+        trees, depth = pick(3, 1, 2, 5), pick(3, 1, 2, 6)
+        nodes = min(trees * ((1 << depth) - 1), trees + pick(6, 0, 20))
+        fields |= dict(cell="trees", trees=trees, depth=depth, nodes=nodes)
     fields |= {name: value for name, value in wish.items() if GROUP_OF[name] != "readout_rule"}
     try:
         config = AcceleratorConfig.of(**fields)
