@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, QFormat
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat
 from eskin.golden.core.config import VOTE_BITS, WIDEST_SCORE
+from eskin.golden.core.groups import MOST_NODES
 
 
 def forest_arrays(config: AcceleratorConfig, fitted: Any) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
@@ -24,6 +25,11 @@ def forest_arrays(config: AcceleratorConfig, fitted: Any) -> tuple[AcceleratorCo
     inner = [np.flatnonzero(tree.children_left >= 0)[1:] for tree in trees]  # without the root
     first = len(trees) + np.cumsum([0, *map(len, inner)])
     nodes = int(first[-1])
+    if nodes > MOST_NODES:
+        raise InputError(
+            f"configuration '{config.name}', field nodes: is {nodes} in the fitted trees, above the limit of {MOST_NODES}; give "
+            "fewer trees or a smaller depth"
+        )
     arrays: dict[str, Any] = {name: np.zeros(nodes) for name in ("tree_input", "threshold")}
     arrays |= {name: np.zeros((nodes, 2)) for name in ("child", "vote")}
     for number, (tree, others) in enumerate(zip(trees, inner, strict=True)):

@@ -30,6 +30,8 @@ SUMMED: tuple[str, ...] = ("mean", "activity")
 EXTREMES: tuple[str, ...] = ("highest", "lowest")
 MOST_CLASSES = 128
 """Highest number of classes of a classifier."""
+MOST_NODES = 8192
+"""Highest number of comparisons of all trees: each has up to eight words of the host, whose address has 16 bits."""
 Cell = Literal["gru", "lstm", "linear", "trees", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
@@ -390,7 +392,7 @@ class Forest(Group):
 
     trees: Annotated[StrictInt, Interval(ge=1, le=255)] = 16
     depth: Annotated[StrictInt, Interval(ge=1, le=16)] = 8
-    nodes: Annotated[StrictInt, Interval(ge=1, le=8192)] = 1024
+    nodes: Annotated[StrictInt, Interval(ge=1, le=MOST_NODES)] = 1024
 
     def refusals(self) -> Iterator[Refusal]:
         if self.nodes < self.trees:

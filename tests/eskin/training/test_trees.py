@@ -53,6 +53,18 @@ def test_a_short_touch_is_fitted_with_the_features_of_its_last_window():
     )
 
 
+def test_trees_of_too_many_nodes_are_refused():
+    features, _ = codes(400, 6)
+    labels, deep = (
+        np.random.default_rng(6).integers(0, 2, 400),
+        CONFIG.replace(trees=120, depth=16, nodes=120),
+    )
+    with refused(
+        "field nodes: is [0-9]{4,} in the fitted trees, above the limit of 8192; give fewer trees or a smaller"
+    ):
+        fit_forest(deep, features / 256, np.ones(features.shape[:2]), labels, 1)
+
+
 def test_a_model_folder(tmp_path):
     recordings = random_recordings(CONFIG, (90,) * 24, 3)
     record = train(recordings, CONFIG, out=tmp_path / "model", seed=1)
