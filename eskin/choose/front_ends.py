@@ -12,7 +12,8 @@ gives, normaliser included, on recordings that the classifier has not seen:
 - *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
 
 The search (MOVES) varies one property at a time: every gate with two sets of windows on means, and gates that are not
-far behind with all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again
+far behind with all sets; kinds of feature and scales on the best SURVIVORS; windows that divide the touch, and kinds on
+the best of them; then windows and thresholds again
 around the best; then the best with fewer scans; then, starting from the front end that the rule takes,
 cheaper neighbours as long as the rule takes one of them. A network may need more features than this
 classifier, or fewer: `listed` gives the front ends that networks are tried on.
@@ -33,7 +34,7 @@ from eskin.choose.candidate import Candidate, ScoredCandidate, best_of, choose
 from eskin.choose.cost import CostModel
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.choose.search import Move, Request, Search, search
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Progress, QFormat, Record
+from eskin.golden.core import EXTREMES, PRESETS, AcceleratorConfig, InputError, Progress, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
@@ -57,7 +58,7 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Number of pairs of gate and windows on which kinds of feature are tried. A gate that is this many standard
 errors behind the best is not tried with further windows."""
 
-WHOLE, UNDOUBLED = ((20, 8), (12, 8), (8, 8), (2, 8)), 8
+WHOLE, UNDOUBLED = ((20, 8), (12, 8), (8, 8), (2, 8), (1, 8)), 8
 """Windows that divide the touch: their number, and the most sums of each. A touch of 1 / UNDOUBLED of the longest
 fills the store before the hop doubles."""
 
@@ -267,8 +268,13 @@ class Screen:
 
     def length_tells(self, config: AcceleratorConfig, rows: np.ndarray) -> bool:
         """True if the number of windows from `gates` that the recordings ``rows`` complete, in quarters,
-        predicts the class. A network would then learn when recordings were stopped. Each recording is
-        predicted from the others."""
+        predicts the class; of windows that divide the touch its length, by which extremes grow. A network would
+        then learn when recordings were stopped. Each recording is predicted from the others."""
+        if config.follows_touch:
+            touches = self.touches(config)
+            frames = np.zeros(len(self.recordings), dtype=np.int64)
+            frames[touches.recording] = [ended.end - ended.start + 1 for ended in touches.ended]
+            self._quarters[config] = 4 * frames // (frames.max() + 1)
         if config not in self._quarters:
             return False
         quarters, labels = self._quarters[config][rows], self.recordings.labels[rows]
@@ -473,6 +479,18 @@ def windows_of_the_touch(search: FrontEndSearch) -> Request:
     return _screened(config for at in [*gates.values()][:SURVIVORS] for config in whole(at, longest))
 
 
+def kinds_of_the_touch(search: FrontEndSearch) -> Request:
+    """Kinds of feature and scales on the best two of windows that divide the whole touch; extremes where its length
+    does not tell the class."""
+    screen, scales = search.front_ends.screen, search.front_ends.scales
+    dividing = [one.candidate.front_end for one in search.ranked() if one.config.follows_touch]
+    return _screened(
+        config
+        for at in dividing[:2]
+        for config in features(at, 0, scales, extremes=not screen.length_tells(at, search.rows))
+    )
+
+
 def around_the_best(search: FrontEndSearch) -> Request:
     """Other windows and thresholds of the best."""
     return _screened(_around(best_of(search.tried).candidate.front_end, search.by_gate))
@@ -512,6 +530,7 @@ MOVES: tuple[Move[FrontEndSearch], ...] = (
     Move("further windows", further_windows),
     Move("kinds of feature", kinds_of_feature),
     Move("windows that divide the touch", windows_of_the_touch),
+    Move("kinds of feature of these", kinds_of_the_touch),
     Move("windows and thresholds around the best", around_the_best),
     Move("fewer scans", fewer_scans),
     Move("cheaper neighbours", cheaper_neighbours, repeats=DESCENT),
@@ -757,7 +776,9 @@ def block_of(hop: int) -> int:
     return max(block for block in range(1, min(64, max(hop // 4, 1)) + 1) if hop % block == 0)
 
 
-def features(config: AcceleratorConfig, knee: int, scales: Sequence[str]) -> list[AcceleratorConfig]:
+def features(
+    config: AcceleratorConfig, knee: int, scales: Sequence[str], *, extremes: bool = True
+) -> list[AcceleratorConfig]:
     """``config`` with every kind of feature that the number of inputs allows, on each of the scales."""
     block = block_of(config.windows.hop)
     small, large, middle = ("change", 1), ("sum", block), ("change", block)
@@ -766,7 +787,12 @@ def features(config: AcceleratorConfig, knee: int, scales: Sequence[str]) -> lis
         kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
-    kinds += [(("mean", "integral"), ("sum", 1))]
+    if config.follows_touch:
+        kinds += [(("mean", "activity"), small)]
+    else:
+        kinds += [(("mean", "integral"), ("sum", 1))]
+    if extremes:
+        kinds += [(("mean", *EXTREMES), ("sum", 1)), (("mean", "activity", *EXTREMES), small)]
     candidates = []
     for kind, (rule, length) in kinds:
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)

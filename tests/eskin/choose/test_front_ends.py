@@ -301,6 +301,24 @@ def test_classes_that_only_move_differently_want_activity():
     assert front_end.record()["chosen"]["accuracy"] > 0.9 > means
 
 
+def test_classes_that_only_reach_further_want_extremes():
+    """Two dips after the onset, or one twice as deep, at any time: means and changes are alike."""
+    rng, parts, labels = np.random.default_rng(2), [], np.arange(60) % 2
+    for label in labels:
+        frames = rng.normal(500, 2, (200, 5))
+        dips = rng.choice(np.arange(60, 185, 20), 2 - label, replace=False)
+        for centre, height in [(30, 90), *((centre, -30 * (1 + label)) for centre in dips)]:
+            frames += height * np.exp(-(((np.arange(200) - centre) / 3) ** 2))[:, None]
+        parts.append(np.rint(frames))
+    front_end = choose_front_end(archive(parts, labels), priced())
+    best = {True: 0.0, False: 0.0}
+    for one in front_end.screened:
+        has = not {"highest", "lowest"}.isdisjoint(one.config.features.feature_kinds)
+        best[has] = max(best[has], one.accuracy)
+    assert best[True] > 0.95 > best[False] + 0.1 and front_end.screened[0].accuracy == best[True]
+    assert not {"highest", "lowest"}.isdisjoint(front_end.config.features.feature_kinds)
+
+
 def test_fewer_scans_keep_their_times_and_are_taken_where_they_suffice(at_random, found):
     front_ends, many = found.front_ends, BASE.windows.hop
     tried = list(_fewer_scans(BASE, front_ends.by_gate))

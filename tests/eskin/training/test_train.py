@@ -220,9 +220,11 @@ def test_a_lost_taxel_is_masked_or_rests_for_the_whole_touch():
     assert np.corrcoef(masked.T)[0, 1:].max() < 0.3
 
 
-def test_offsets_move_one_taxel_and_all_and_drift():
-    same, moved = drawn()[0], drawn(offset=1.0)[0]
-    moves = moved - same  # in deviations of the means, as mean is the only kind of feature
+@each_row("kind", ["mean", "highest"])
+def test_offsets_move_one_taxel_and_all_and_drift(kind):
+    config = SMALL.replace(feature_kinds=(kind,))
+    same, moved = drawn(config)[0], drawn(config, offset=1.0)[0]
+    moves = moved - same  # in deviations of the only kind of feature
     of_all = np.median(moves, axis=2)
     assert np.isclose(np.diff(of_all, axis=1).std(), batching.DRIFT / same.shape[1], rtol=0.1)
     assert np.isclose(of_all[:, 0].std(), batching.COMMON, rtol=0.1)
@@ -232,10 +234,11 @@ def test_offsets_move_one_taxel_and_all_and_drift():
     )
 
 
-def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later():
-    config = SMALL.replace(clip=100)
+@each_row("kind, limits", [("mean", [-100, 100]), ("lowest", [-100, 0])])
+def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later(kind, limits):
+    config = SMALL.replace(clip=100, feature_kinds=(kind,))
     (same, (mu, sigma)), (failing, _) = drawn(config), drawn(config, taxel_failure=0.3)
-    limits = (np.array([-100, 100]) - mu) / sigma
+    limits = (np.array(limits) - mu) / sigma
     changed = (failing != same).any(axis=1)  # (touches, taxels)
     assert 0.22 < changed.mean() < 0.34
     lengths = set()
@@ -245,6 +248,7 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
         at_limit = moved & np.isclose(course[:, None], limits, rtol=1e-4).any(axis=1)
         first = int(np.flatnonzero(moved)[0])
         assert not course[first + 3 :].any() and at_limit.sum() <= 3
+        assert course[moved].max() <= max(limits.max(), 0.0) + 1e-3
         lengths.add(int(at_limit[first + 1 : first + 3].sum()))
     assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
 
