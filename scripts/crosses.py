@@ -251,7 +251,7 @@ def _touch_cases(seen: Seen) -> Iterator[Case]:
         rows = arrays["decision"][slice(*offsets[place : place + 2].tolist())]
         if count == 1 and end > lengths[place] and not len(rows):
             yield mode, "cut without a step"
-        if len(rows) and rows[-1, 4]:
+        if len(rows) and rows[-1, 4] and not config.follows_touch:
             done = int(rows[-1, 1]) + 1
             yield mode, "cut after step 1" if done == 1 else "cut after another step"
             if done == steps - 1:

@@ -391,7 +391,7 @@ class Forest(Group):
     """
 
     trees: Annotated[StrictInt, Interval(ge=1, le=255)] = 16
-    depth: Annotated[StrictInt, Interval(ge=1, le=16)] = 8
+    depth: Annotated[StrictInt, Interval(ge=1, le=16)] = 10
     nodes: Annotated[StrictInt, Interval(ge=1, le=MOST_NODES)] = 1024
 
     def refusals(self) -> Iterator[Refusal]:

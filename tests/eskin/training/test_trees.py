@@ -6,6 +6,7 @@ from eskin.golden.model.forest import run_forest
 from eskin.training.evaluate import evaluate
 from eskin.training.integers import quantise
 from eskin.training.made_up import random_recordings
+from eskin.training.recipe import choose_recipe
 from eskin.training.train import train
 from eskin.training.trees import fit_forest, forest_codes
 from tests.support.small_designs import TRACKED
@@ -51,6 +52,14 @@ def test_a_short_touch_is_fitted_with_the_features_of_its_last_window():
     assert (
         len(other["threshold"]) != len(short["threshold"]) or (other["threshold"] != short["threshold"]).any()
     )
+
+
+def test_trees_under_disturbance_lose_taxels_and_none_sticks():
+    plain, robust = choose_recipe(CONFIG), choose_recipe(CONFIG, robust=True)
+    linear = choose_recipe(CONFIG.replace(cell="linear"), robust=True)
+    assert robust.augments and robust.updates == 2 * plain.updates and not plain.channel_dropout
+    assert robust.channel_dropout == linear.channel_dropout > 0 < linear.taxel_failure
+    assert robust.taxel_failure == 0 < robust.offset < linear.offset
 
 
 def test_trees_of_too_many_nodes_are_refused():
