@@ -3,7 +3,7 @@ time is over; writes build/coverage/coverage.html and what it shows as coverage.
 
 Every session of pytest merges what it has covered (tests/support/covered.py); a test that runs again replaces
 its bins. cocotb-coverage and pyvsc count bins in a simulator's process; neither keeps the tests behind a bin nor the reason why
-one cannot be, and both know a case only once a simulator runs, while random designs ask for it before.
+it cannot be, and both know a case only once a simulator runs, while random designs ask for it before.
 """
 
 import html
@@ -113,17 +113,17 @@ def page(merged: dict[str, Any]) -> str:
     missing, closed = table[(table.tests.str.len() == 0) & (table.never == "")], {}
     for cross in CROSSES:
         closed[cross.name] = f"{share(table[table.cross == cross.name].to_dict('records')):.0%}"
-    behind = pd.DataFrame(plan()).fillna("")
+    planned = pd.DataFrame(plan()).fillna("")
     broken = {file: _files(tests) for file, tests in Scope.load(ROOT).tests.items()}
-    behind["files of make mutants"] = [
-        [file for file, judges in broken.items() if judges & _files(tests)] for tests in behind.tests
+    planned["files of make mutants"] = [
+        [file for file, judges in broken.items() if judges & _files(tests)] for tests in planned.tests
     ]
-    behind.crosses = [[f"{name}: {closed[name]}" for name in names] for names in behind.crosses]
+    planned.crosses = [[f"{name}: {closed[name]}" for name in names] for names in planned.crosses]
     parts = [
         f"<h1>Coverage: {share(merged['bins']):.1%} of {(table.never == '').sum()} bins that can be</h1>",
         f"<p>{len(missing)} are missing, {(table.never != '').sum()} cannot be. Closed share by session:</p>",
         _curve(merged["curve"]),
-        f"<h2>Missing</h2>{_table(missing[['cross', 'bin']])}<h2>Plan</h2>{_table(behind)}<h2>Crosses</h2>",
+        f"<h2>Missing</h2>{_table(missing[['cross', 'bin']])}<h2>Plan</h2>{_table(planned)}<h2>Crosses</h2>",
     ]
     for cross in CROSSES:
         bins = table[table.cross == cross.name][["bin", "tests", "never"]]

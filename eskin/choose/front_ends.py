@@ -483,7 +483,7 @@ def kinds_of_the_touch(search: FrontEndSearch) -> Request:
     """Kinds of feature and scales on the best two of windows that divide the whole touch; extremes where its length
     does not tell the class."""
     screen, scales = search.front_ends.screen, search.front_ends.scales
-    dividing = [one.candidate.front_end for one in search.ranked() if one.config.follows_touch]
+    dividing = [tried.candidate.front_end for tried in search.ranked() if tried.config.follows_touch]
     return _screened(
         config
         for at in dividing[:2]

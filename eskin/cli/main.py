@@ -74,7 +74,7 @@ def check_outputs(verb: str, options: Record) -> None:
 
 
 def check_numbers(options: Record) -> None:
-    """Refuse what is not finite: an option takes inf and nan for numbers.
+    """Refuse a number that is not finite: typer takes inf and nan.
 
     Raises
     ------

@@ -136,8 +136,8 @@ def _forest_errors(
     ) -> StageError:
         codes = values[complete] * 2.0**fmt.frac_bits
         used = np.abs(codes).max() / fmt.magnitude
-        error, alone = np.abs(values - wanted)[complete], np.abs(moved - logits)[complete]
-        return _figures(stage, error, _at_ends(codes, fmt), used, alone)
+        error, moved_by = np.abs(values - wanted)[complete], np.abs(moved - logits)[complete]
+        return _figures(stage, error, _at_ends(codes, fmt), used, moved_by)
 
     return [
         figures("features", formats.feature_format, features[0], features[1], other_features),

@@ -121,13 +121,13 @@ def command(request: BoardRequest) -> None:
         refuse_rate_not_held(request.model)
     try:
         with progress_bars() as report:
-            result, bitstream, netlist, files = build(design, report)
+            result, bitstream, netlist, placed = build(design, report)
     except BuildError as error:
         stop(str(error), 1)
     with replacing_folder(folder) as new:
         shutil.copyfile(bitstream, new / result["bitstream"])
         shutil.copyfile(netlist, new / "netlist.v")
-        write_contents(new, files)
+        write_contents(new, contents(placed, integer.arrays))
         write_json(new / MARK, result)
     show("build", **result, block_rows=block_rows(result), in_words=in_words, folder=folder)
     if not result["clock_met"]:
@@ -339,14 +339,13 @@ class BuildRequest:
 
 def build(
     request: BuildRequest, progress: Progress | None = None
-) -> tuple[Record, Path, Path, dict[str, str]]:
+) -> tuple[Record, Path, Path, AcceleratorConfig]:
     """The best of the placements. Where a recurrent design lacks block memories and the part has large ones,
     they hold its weights (``spare_blocks``).
 
     Returns
     -------
-    The result (`build.json`), its bitstream, its netlist as Verilog, and the model's files
-    (`eskin.rtl.fpga.generate.contents`).
+    The result (`build.json`), its bitstream, its netlist as Verilog, and the configuration that is placed.
 
     Raises
     ------
@@ -424,7 +423,7 @@ def build(
             "rate_error": standby.TOLERANCE,
             "scan_jitter_s": 0.0 if p == 1 else 1 / standby.SLOW_HZ,
         }
-    return result, best.bitstream, netlist.verilog, contents(config, request.arrays)
+    return result, best.bitstream, netlist.verilog, config
 
 
 def board_of(model: Path) -> tuple[int, int, Any]:

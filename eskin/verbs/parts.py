@@ -100,10 +100,10 @@ def _compiled(sources: dict[str, str], compiler: tuple[str, ...]) -> int | None:
         built = [name, *options, "-std=c99", "-Os", "-c", plain_c.SOURCE, "-o", "model.o"]
         try:
             subprocess.run(built, cwd=folder, check=True, capture_output=True, timeout=120)
-            said = subprocess.run(
+            listing = subprocess.run(
                 [size, "model.o"], cwd=folder, check=True, capture_output=True, text=True, timeout=60
             )
-            text, data, *_ = said.stdout.splitlines()[1].split()
+            text, data, *_ = listing.stdout.splitlines()[1].split()
         except (subprocess.SubprocessError, OSError, IndexError, ValueError):
             return None
     return int(text) + int(data)

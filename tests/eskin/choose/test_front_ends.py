@@ -312,9 +312,9 @@ def test_classes_that_only_reach_further_want_extremes():
         parts.append(np.rint(frames))
     front_end = choose_front_end(archive(parts, labels), priced())
     best = {True: 0.0, False: 0.0}
-    for one in front_end.screened:
-        has = not {"highest", "lowest"}.isdisjoint(one.config.features.feature_kinds)
-        best[has] = max(best[has], one.accuracy)
+    for tried in front_end.screened:
+        has = not {"highest", "lowest"}.isdisjoint(tried.config.features.feature_kinds)
+        best[has] = max(best[has], tried.accuracy)
     assert best[True] > 0.95 > best[False] + 0.1 and front_end.screened[0].accuracy == best[True]
     assert not {"highest", "lowest"}.isdisjoint(front_end.config.features.feature_kinds)
 

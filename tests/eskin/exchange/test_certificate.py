@@ -29,7 +29,7 @@ certify = partial(certificate.certify, contents=contents)
 
 
 def written(model: IntegerModel, folder: Path) -> list[Path]:
-    """Every file by which the model is known, on other lanes than its own."""
+    """Every file by which the model is known, on two lanes."""
     if not (model.config.is_image or model.config.network.cell == "trees"):  # which ONNX does not have
         export_exact(model, folder / "onnx")
     export_c(model, folder / "c", prefix="mine")

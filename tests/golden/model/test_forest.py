@@ -1,4 +1,4 @@
-"""Decision trees: against scikit-learn's forests, windows that are not there, and what is no forest."""
+"""Decision trees: against scikit-learn's forests, windows that are not there, and arrays that make no forest."""
 
 import numpy as np
 from sklearn.ensemble import RandomForestClassifier

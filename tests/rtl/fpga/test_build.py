@@ -106,17 +106,17 @@ def test_a_rate_that_a_model_does_not_hold_is_refused_where_its_own_oscillator_s
         raise job.BuildError("it would be built")
 
     monkeypatch.setattr(job, "build", stop)
-    alone = ("--standalone", "--converter", "ads7953", "--out", "alone")
-    for held, board, expected in (
+    words = ("--standalone", "--converter", "ads7953", "--out", "alone")
+    for holds, board, expected in (
         (None, "icebreaker", 1),
         (True, "icebreaker", 1),
         (False, "icebreaker", 2),
         (False, "ulx3s", 1),  # its clock never stops
     ):
-        row = {"mode": job.RATE_MODE, "figure": 0.803, "bound": 0.93, "held": held}
-        nested = {"disturbed": {"stress": [row]}} if held is not None else None
+        row = {"mode": job.RATE_MODE, "figure": 0.803, "bound": 0.93, "held": holds}
+        nested = {"disturbed": {"stress": [row]}} if holds is not None else None
         (folder / "model/training.json").write_text(json.dumps({"cross_validation": [{"nested": nested}]}))
-        status, _, err = call("--target", board, *alone)
+        status, _, err = call("--target", board, *words)
         assert status == expected and ("80.3 % where 93.0 % are asked" in err) == (status == 2), err
     (folder / "model/training.json").unlink()
 
