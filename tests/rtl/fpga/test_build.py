@@ -136,7 +136,10 @@ def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, f
     assert result["lanes_chosen_by"] == "asked" and result["lanes_too_many"] is None
     assert sorted(path.name for path in (folder / out).iterdir()) == [
         "build.json",
+        "config.json",
+        "load.hex",
         "made_icebreaker.bin",
+        "memories",
         "netlist.v",
     ]
     netlist = (folder / out / "netlist.v").read_text()
@@ -280,7 +283,7 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(
         ):
             job.build(request)
         return
-    result, bitstream, _ = job.build(request)
+    result, bitstream, *_ = job.build(request)
     assert result["taken"] == chosen and bitstream == chosen[0]
     assert {seed: why[0] for seed, why in result["not_taken"].items()} == {
         str(seed): str(count or "n") for seed, count in errors.items()
