@@ -67,6 +67,8 @@ def test_without_its_tests_a_bin_is_a_hole(folder):
     result = merged(folder, gw0=half, gw1={test: hits[test] for test in hits if test not in half})
     assert coverage.share(result["bins"]) == 1 == result["curve"][-1][1] and not coverage.wishes()
     assert "0 are missing" in coverage.page(result)
+    coverage.MERGED.write_text(json.dumps(result | {"hits": hits | {"old": {"scan: 3, touch": 1}}}))
+    assert merged(folder, gw0={"new": {}})["hits"]["old"] == {}  # of a cross that has changed
     for hole in random.Random(57).sample(names, 5):
         again = {test: {} if hole in found else found for test, found in hits.items()}
         result = merged(folder, gw0=again)
