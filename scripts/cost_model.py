@@ -83,6 +83,10 @@ SHAPES = {
     "8 taxels, all kinds, linear, whole by 4, P = 2": (5, 4, 12, 2),
     "4 taxels, mean, linear, whole by 8, P = 1": (3, 8, 2),
     "32 taxels, mean, GRU 12, whole by 2, P = 6": (4, 4, 16),
+    "8 taxels, mean + highest + lowest, linear, P = 2": (5, 64, 12),
+    "12 taxels, mean + activity + highest + lowest, linear, at once, P = 2": (5, 32, 10, 8),
+    "8 taxels, mean + highest + lowest, linear, whole by 4, P = 2": (5, 4, 12),
+    "12 taxels, mean + highest + lowest, linear, at once, whole by 8, P = 4": (5, 4, 8),
 }
 DESIGNS = {name: _design(name, *shape) for name, shape in SHAPES.items()}
 """Shapes that no data set of the project has given."""
@@ -175,9 +179,14 @@ def shares(counted_rows: pd.DataFrame) -> tuple[pd.Series, np.ndarray, np.ndarra
 
 def fit(counted_rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     """The constants of TOGGLES, and CELLS in their order: least squares of the errors as shares, none of CELLS
-    below 0."""
+    below 0. The last two, of extremes, are fitted to what the others leave of designs that have some; these give
+    nothing else."""
     fixed, toggling, has = shares(counted_rows)
-    return np.linalg.lstsq(toggling, 1 - fixed, rcond=None)[0], nnls(has, np.ones(len(has)))[0]
+    with_extremes = has[:, -2:].any(axis=1)
+    toggling, due, plain = toggling[~with_extremes], 1 - fixed[~with_extremes], has[~with_extremes]
+    cells = nnls(plain, np.ones(len(plain)))[0]
+    cells[-2:] = nnls(has[with_extremes, -2:], 1 - has[with_extremes] @ cells)[0]
+    return np.linalg.lstsq(toggling, due, rcond=None)[0], cells
 
 
 def errors(counted_rows: pd.DataFrame, constants: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

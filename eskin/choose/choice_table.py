@@ -30,7 +30,9 @@ def front_end_words(row: Record) -> str:
     scans = "" if every == 1 else f", one frame in {every} scanned"
     windows = f"{steps} window{'s' * (steps != 1)} of {row['window']} every {row['hop']}{scans}"
     if row.get("window_mode") == "whole":
-        windows = f"{steps} windows that divide the touch{scans}"
+        windows = (
+            f"{steps} windows that divide the touch{scans}" if steps > 1 else f"a window of the touch{scans}"
+        )
     return (
         f"{preset}{levels}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}{defences}"
     )

@@ -14,7 +14,7 @@ from collections.abc import Hashable
 from functools import lru_cache, partial
 
 from eskin.choose.cost import PREFERENCES, Cost, CostModel, Prefer
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import EXTREMES, AcceleratorConfig, InputError, Record
 from eskin.rtl.fpga.block_memories import block_memories
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
@@ -38,6 +38,8 @@ CELLS = {
     "store": 322.5,
     "hops of a window": 16.3,
     "kinds of the store": 187.9,
+    "extremes": 47.1,
+    "extremes of the store": 14.3,
 }
 """Logic cells of each part of a design, fitted to synthesised ones."""
 IMAGE_CELLS = {"always": 1210.2, "lanes": 25.7}
@@ -94,9 +96,11 @@ def power_of(config: AcceleratorConfig, board: str = BOARD) -> Power:
 
 
 def parts_of(config: AcceleratorConfig) -> dict[str, float]:
-    """Number of each of CELLS in the design; address bits: of inputs and hidden units; the last three are of
-    ``window_mode`` whole alone."""
-    follows, kinds = config.follows_touch, config.kinds - 1
+    """Number of each of CELLS in the design; address bits: of inputs and hidden units. An extreme is a word and its
+    comparison, three times where it falls back to one of a hop, and is none of the kinds."""
+    follows, extremes = config.follows_touch, len({*EXTREMES} & {*config.features.feature_kinds})
+    kinds = max(config.kinds - extremes, 1) - 1
+    falls_back = config.windows.window_mode == "free" and not config.opens_at_once
     hidden = config.network.hidden if config.recurrent else 0
     return {
         "always": 1,
@@ -109,6 +113,8 @@ def parts_of(config: AcceleratorConfig) -> dict[str, float]:
         "store": follows,
         "hops of a window": config.windows.store_per_window if follows else 0,
         "kinds of the store": kinds if follows else 0,
+        "extremes": 0 if follows else extremes * (3 if falls_back else 1),
+        "extremes of the store": extremes if follows else 0,
     }
 
 

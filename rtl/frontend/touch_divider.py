@@ -50,7 +50,7 @@ class TouchDivider(Block):
     taxel by taxel. Deviations come as complements and sums leave as complements, as in `WindowAverager`.
 
     The extremes of a hop lie in the word of its mean, with a comparison each beside the adder: they take no
-    cycle of a frame. A window's are taken over the sums up to its last.
+    cycle of a frame. A window has the extremes of the sums up to its last.
 
     Parameters
     ----------
