@@ -27,6 +27,7 @@ LARGEST = 65535
 ROWS = ("sigmoid", "tanh", "value", "state", "tanh_of_state", "logit")
 NARROWINGS = ("centred", "feature", *ROWS, "state code", "map")
 """Places of the chain where a value is narrowed (sections 3 to 5, 15 and 18)."""
+PAIRS = [*itertools.combinations(FEATURE_KINDS, 2)]
 HEADROOM = ("0", "1", "2", "3", "4 or more")
 STALLS = {(False, False): "none", (True, False): "sender", (False, True): "receiver", (True, True): "both"}
 
@@ -133,16 +134,19 @@ def _refusal(wish: tuple[tuple[str, Any], ...]) -> str:
 
 
 def of_fields(name: str, section: str, reason: str, **axes: Sequence[Any]) -> Cross:
-    """The cross of fields of a configuration. The side of the reset gate is the GRU's alone."""
+    """The cross of fields of a configuration, with a case for each kind of feature. The side of the reset gate is the
+    GRU's alone."""
 
     def cases(seen: Seen) -> Iterator[Case]:
         values = {field: seen.config.value(field) for field in axes}
         if "reset" in values and values["cell"] != "gru":
             values["reset"] = "before"
-        yield tuple(values.values())
+        each = ([value] if isinstance(value, str | int) else value for value in values.values())
+        yield from itertools.product(*each)
 
     def wish(case: Case) -> dict[str, Any]:
-        return dict(zip(axes, case, strict=True))
+        fields = dict(zip(axes, case, strict=True))
+        return fields | ({"feature_kinds": (fields["feature_kinds"],)} if "feature_kinds" in fields else {})
 
     def never(case: Case) -> str:
         fields = wish(case)
@@ -373,12 +377,19 @@ CROSSES = [
         onset=get_args(groups.OnsetRule),
         rest=get_args(groups.Rest),
         window_mode=get_args(groups.WindowMode),
-        feature_kinds=[
-            kinds
-            for size in range(1, len(FEATURE_KINDS) + 1)
-            for kinds in itertools.combinations(FEATURE_KINDS, size)
-        ],
+        feature_kinds=FEATURE_KINDS,
         feature_scale=get_args(groups.FeatureScale),
+    ),
+    Cross(
+        "kinds together",
+        "2, 3",
+        "two kinds of a taxel meet in the order of beats, in the memory of sums and in the constants",
+        (PAIRS, get_args(groups.FeatureScale)),
+        lambda seen: [
+            (pair, seen.config.features.feature_scale)
+            for pair in itertools.combinations(seen.config.features.feature_kinds, 2)
+        ],
+        wish=lambda case: {"feature_kinds": case[0], "feature_scale": case[1]},
     ),
     of_fields(
         "lanes",
