@@ -292,6 +292,7 @@ class Bench:
         timed = seed is None and not settings["probe"] and settings["frames"] == "samples"
         if timed and (late := source.untimely()):
             self._differs("input", "the frame was not offered when it was due", frame=late)
+        finished = dut.cycle.value.to_unsigned()
         await self.bus.command("FINISH")
         await self._look("FINISH")
         await self.until(dut.idle)
@@ -300,7 +301,7 @@ class Bench:
         status = {name: await self.bus.read(name) for name in KEPT}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
         self.scoreboard.faults |= INPUT_STALLED * source.stalled
-        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.accepted)
+        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.accepted, finished)
 
     async def _look(self, after: str) -> None:
         self.scoreboard.look(after, await self.bus.read("STATUS"))

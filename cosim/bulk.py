@@ -44,10 +44,10 @@ def play(
     design = Design(verilog, run.how.builds, quick=hardware.level == "netlist")
     progress("played in bulk", 0, len(recordings))
 
-    def played(place: int) -> tuple[Accelerator, int, dict[str, int], dict[str, int]]:
-        """The device, the cycle of ARM, STATUS on the way, and the registers at the end, empty if it stands still."""
+    def played(place: int) -> tuple[Accelerator, int, int, dict[str, int], dict[str, int]]:
+        """The device, the cycles of ARM and FINISH, STATUS on the way, and the registers at the end, empty if it stands still."""
         device = Accelerator(design, config, registers, boot, probes=hardware.probes, seed=seed + place)
-        armed, looks, status = 0, dict[str, int](), dict[str, int]()
+        armed, finished, looks, status = 0, 0, dict[str, int](), dict[str, int]()
         number = registers["registers"]
         with suppress(SimulationError):
             device.command("CLEAR_FAULTS")  # before ARM, which may raise none
@@ -62,6 +62,7 @@ def play(
                 device.frames(samples[look : look + 1], pace, device.limit)
                 device.state.watch, looks["TOUCH"] = -1, device.get("bus__r_data")
             device.frames(samples[look + bool(look) :], pace, device.limit)
+            finished = device.state.cycle
             device.write(number["CONTROL"], registers["bits"]["CONTROL"]["FINISH"])
             looks["FINISH"] = device.register("STATUS")
             for _ in range(2):  # with a watchdog the engine begins anew behind the last decision
@@ -69,13 +70,13 @@ def play(
             words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
             flags = sum(device.register("TAXEL_FAULTS", k) << 16 * k for k in words)
             status = {name: device.register(name) for name in KEPT} | {"TAXEL_FAULTS": flags}
-        return device, armed, looks, status
+        return device, armed, finished, looks, status
 
     scoreboard, counts = Scoreboard(config, registers, probes=hardware.probes), Counter[str]()
     longest, pool = 0, ThreadPoolExecutor(threads)
     try:
         for number, result in enumerate(pool.map(played, range(len(recordings)))):
-            device, armed, looks, status = result
+            device, armed, finished, looks, status = result
             progress("played in bulk", number + 1, len(recordings))
             events, state = device.seen(), device.state
             accepted = events["cycle"][events["stage"] == FRAME_END].tolist()
@@ -95,7 +96,7 @@ def play(
                 break
             for after, word in looks.items():
                 scoreboard.look(after, word)
-            scoreboard.end(status, accepted)
+            scoreboard.end(status, accepted, finished)
             device.close()
     except Mismatch:  # the scoreboard has it
         pass

@@ -1,7 +1,8 @@
 """Cycle counts and latency budgets.
 
-decision latency: from the rising edge that takes the last taxel of the frame that completes a window to the
-first rising edge at which that window's decision can be taken, in cycles.
+decision latency: from the rising edge that takes the last taxel of the frame that completes a window, or FINISH where
+that brings the decision, to the first rising edge at which that window's decision can be taken, in cycles. The windows
+of a whole touch are complete with its last frame.
 """
 
 import math

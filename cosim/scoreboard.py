@@ -243,7 +243,9 @@ class Scoreboard:
         }[after]
         self._equal({f"STATUS behind {after}": (want, status & ~ignored)})
 
-    def end(self, status: Mapping[str, int], accepted: Sequence[int] | None = None) -> None:
+    def end(
+        self, status: Mapping[str, int], accepted: Sequence[int] | None = None, finished: int = -1
+    ) -> None:
         """The recording is over.
 
         Parameters
@@ -252,6 +254,8 @@ class Scoreboard:
             Registers of `KEPT` and, where there are fault flags, TAXEL_FAULTS (all of its words as one number).
         accepted:
             Cycle of the last taxel of each frame. None: not known, nor whether INPUT_STALLED may be set.
+        finished:
+            Cycle of FINISH, which brings the decisions that no frame brings; -1: not known.
 
         Raises
         ------
@@ -286,10 +290,9 @@ class Scoreboard:
         self._equal({name: (value, status[name]) for name, value in want.items()})
         self.counts["decisions"] += self._seen["decision"]
         LOG.info("recording %d: %s", self.recording.number, self._seen)
+        begins = dict(enumerate(accepted or (), 1)) | ({0: finished} if finished >= 0 else {})
         pairs = zip(frames.tolist(), self._offered, strict=False)
-        self.late += [
-            cycle - accepted[frame - 1] for frame, cycle in pairs if accepted and 0 < frame <= len(accepted)
-        ]
+        self.late += [cycle - begins[frame] for frame, cycle in pairs if frame in begins]
 
     def _equal(self, values: Mapping[str, tuple[int, int]]) -> None:
         """Compare expected values of registers, by name, with what was read."""

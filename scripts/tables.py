@@ -133,9 +133,7 @@ def run_figures(folder: Path, run: Record) -> Record:
         "standard error": percent(split.get("nested", chosen)["standard_error"]),
         "agreement": percent(split["agreement"]),
         "hardware equals model": f"{verdict(played)}, {count(played.compared_values)} values",
-        "last sample to decision": "not measured"
-        if late is None
-        else f"{1e6 * late / paced.clock_hz:.3g} us",
+        "last sample to decision": "no decision" if late is None else f"{1e6 * late / paced.clock_hz:.3g} us",
     }
     if run.get("images"):
         return figures

@@ -298,13 +298,13 @@ def inner_folds(recordings: Recordings, groups: Sequence[str]) -> list[np.ndarra
 
 def search_inside(
     front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], prices: CostModel
-) -> Listed:
-    """The front ends that ``listed`` gives after a search on ``part`` (recordings) alone."""
+) -> list[ScoredCandidate]:
+    """The front ends that a search on ``part`` (recordings) alone judges, best first."""
     rows = front_ends.part(part)
     with one_thread():
         folds = inner_folds(front_ends.recordings.subset(rows), groups)
         state = FrontEndSearch(prices=prices, front_ends=front_ends, rows=rows, folds=folds, brief=True)
-        return listed(search_front_ends(state), prices)
+        return search_front_ends(state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +330,8 @@ class Searched:
             folds = [part[rows] for rows in inner_folds(recordings.subset(part), settings.groups)]
             front_ends = Listed.alone(plan.config)
             if plan.front_ends:
-                front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
+                judged = search_inside(plan.front_ends, part, settings.groups, plan.prices)
+                front_ends = listed(judged, plan.prices)
             searches.append(
                 NetworkSearch(
                     prices=plan.prices,

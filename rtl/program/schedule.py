@@ -1,5 +1,6 @@
 """The schedule of a configuration's step, and the clocks that follow from it."""
 
+import math
 from functools import lru_cache
 
 from eskin.golden.core import SUMMED, AcceleratorConfig
@@ -50,10 +51,21 @@ def longest_step(config: AcceleratorConfig) -> int:
 
 
 def decision_cycles(config: AcceleratorConfig) -> int:
-    """Cycles from the last feature of a window, or the last pixel of an image, to the decision."""
+    """Cycles from the last feature of a window, or the last pixel of an image, to the decision. With ``window_mode``
+    whole the most from the last taxel of a touch, or from FINISH, to its last decision, if no touch follows meanwhile:
+    the store is halved, the first window leaves, and the others leave beside the steps.
+    """
+    if config.is_image:
+        return step_cycles(config) + IMAGE_START_CYCLES
     if config.is_forest:
-        return forest_cycles(config) + logit_to_decision(config)
-    return step_cycles(config) + IMAGE_START_CYCLES if config.is_image else schedule(config).decision_cycles
+        last = forest_cycles(config) + logit_to_decision(config)
+    else:
+        last = schedule(config).decision_cycles
+    if not config.follows_touch:
+        return last
+    leaving = math.ceil(leaving_cycles(config))
+    beside = (config.windows.steps - 1) * max(leaving, step_cycles(config))
+    return detector_latency(config) + frame_cycles(config) + leaving + beside + last
 
 
 def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_block: bool = True) -> int:

@@ -205,7 +205,9 @@ def test_a_touch_is_looked_at_where_it_is_open_for_certain(expected, open_, look
     assert Recording(arrays, 0).look == look
 
 
-def test_cycles_are_extremes_over_all_recordings(expected, events):
+@pytest.mark.parametrize(("finished", "latest"), [(-1, 10), (25, 15)])
+def test_cycles_are_extremes_over_all_recordings(expected, events, finished, latest):
+    """The last decision, in cycle 40, is brought by FINISH."""
     scoreboard = Scoreboard(CONFIG, MAP)
     for position, late in enumerate((9, 10)):
         recording = Recording(expected, position)
@@ -214,15 +216,16 @@ def test_cycles_are_extremes_over_all_recordings(expected, events):
         scoreboard.check("step", np.array([[10, 12], [11]][position]))
         for stage in FLAT_STAGES:
             scoreboard.check(stage, recording[stage])
-        scoreboard.check("decision", events[recording.number, "decision"], 20 * frames + late)
-        accepted = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
-        scoreboard.end(events[recording.number, "end"], accepted)
+        cycles = np.where(frames, 20 * frames + late, 40)
+        scoreboard.check("decision", events[recording.number, "decision"], cycles)
+        accepted = range(20, 20 * int(max(frames)) + 1, 20)
+        scoreboard.end(events[recording.number, "end"], accepted, finished)
     result = Answer.of(
         scoreboard, frame_max=20, frames=0, simulated_cycles=0, overruns=0, input_stalls=0, probe=False
     )
     assert (result.steps, result.decisions) == (3, 7)
-    cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
-    assert dict(result.cycles) == cycles | {"step_ideal": CONFIG.step_ideal}
+    extremes = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": latest}
+    assert dict(result.cycles) == extremes | {"step_ideal": CONFIG.step_ideal}
 
 
 def test_step_limit_is_the_closest_pair_of_windows():

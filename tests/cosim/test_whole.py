@@ -2,7 +2,11 @@
 
 import pytest
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import FEATURE_KINDS
+from eskin.rtl.program.schedule import decision_cycles
+from eskin.training.made_up import random_recordings
+from eskin.verbs.cosim import cosimulate
 from tests.support.small_designs import TRACKED
 from tests.support.strategies import Design, differences
 
@@ -49,3 +53,19 @@ DESIGNS = {
 @pytest.mark.parametrize("title", DESIGNS)
 def test_every_stage_is_golden(tmp_path, title):
     assert not differences(Design(BASE.replace(**DESIGNS[title]), 7, True), tmp_path)
+
+
+def test_latency_counts_from_finish_where_that_ends_the_touch(tmp_path):
+    """Up to the last decision, in both ways to play; from the schedule the most."""
+    model = Design(
+        BASE.replace(**DESIGNS["all kinds, changes"], onset="immediate", rest="initial"), 7, False
+    ).model
+    recordings, planned = random_recordings(model.config, [150, 90], 7), decision_cycles(model.config)
+    ways = {"simulator": "icarus"}, {"simulator": "verilator", "cocotb": ()}
+    latest = [
+        cosimulate(
+            model, recordings, Simulation(**way), work=tmp_path / way["simulator"]
+        ).cycles.decision_latency_max
+        for way in ways
+    ]
+    assert latest[0] == latest[1] and planned / 2 < latest[0] <= planned, (latest, planned)

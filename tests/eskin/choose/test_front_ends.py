@@ -188,9 +188,10 @@ def test_a_part_is_searched_as_if_it_were_all_there_is(at_random, found):
     """Features come from all recordings; labels of the others are not looked at."""
     front_ends, other = found.front_ends, at_random.groups["day"] == 1
     part = np.flatnonzero(~other)
-    inside = search_inside(front_ends, part, ["day"], priced())
+    inside = listed(search_inside(front_ends, part, ["day"], priced()), priced())
     labels = np.where(other, 0, at_random.labels)
-    assert search_inside(FrontEnds(replace(at_random, labels=labels)), part, ["day"], priced()) == inside
+    again = search_inside(FrontEnds(replace(at_random, labels=labels)), part, ["day"], priced())
+    assert listed(again, priced()) == inside
     folds, everything = inner_folds(at_random, ["day"]), np.arange(len(at_random))
     for config in (BASE, inside.taken):
         of_all = front_ends.screen.judged(config, folds)

@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eskin.choose.candidate import best_of, choose
+from eskin.choose.choice import search_inside
+from eskin.choose.front_ends import FrontEnds
 from eskin.cli.common import show
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, load_config, run
@@ -15,6 +18,7 @@ from eskin.teach.enrol import EnrolmentTrial, enrol, judge, summary, teach_folde
 from eskin.training import judge as judging
 from eskin.training import prototypes as prototypes_of
 from eskin.training.evaluate import evaluate
+from eskin.training.formats import with_network
 from eskin.training.integers import quantise
 from eskin.training.judge import FittedNetwork
 from eskin.training.train import train
@@ -200,6 +204,12 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     values = enrolling.group_values(three, ["mounting"], [1])
     configs = enrolling.front_ends_without(three, values, ["mounting"], priced())
     assert configs[0] == configs[2]
+    prices, rest = priced(), np.flatnonzero(mounting != 1)
+    judged = search_inside(FrontEnds(three), rest, ["mounting"], prices)
+    dearer = prices.price(with_network(configs[1], cell="linear")) > prices.price(
+        choose(judged, prices).config
+    )
+    assert dearer and configs[1] == best_of(judged).candidate.front_end
     labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
     mixed = replace(three, labels=labels)
     assert enrolling.front_ends_without(mixed, values, ["mounting"], priced())[1] == configs[1]
