@@ -199,7 +199,7 @@ def enrol(
     progress: Progress = lambda done, total: None,
 ) -> Record:
     """Continue training the model in ``model_dir`` with ``few`` touches of a new mounting, and write it to
-    ``out``; config.json does not change.
+    ``out``; the configuration does not change.
 
     Parameters
     ----------

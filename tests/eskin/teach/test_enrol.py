@@ -70,7 +70,7 @@ def accuracy(folder, recordings: Recordings) -> float:
 
 def changed(old, new) -> set[str]:
     """Arrays in which two model folders of one configuration differ."""
-    assert (old / "config.json").read_bytes() == (new / "config.json").read_bytes()
+    assert load_config(old) == load_config(new)
     before, after = IntegerModel.load(old).arrays, IntegerModel.load(new).arrays
     return {name for name in before if (before[name] != after[name]).any()}
 
