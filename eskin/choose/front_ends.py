@@ -787,12 +787,10 @@ def features(
         kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
-    if config.follows_touch:
-        kinds += [(("mean", "activity"), small)]
-    else:
-        kinds += [(("mean", "integral"), ("sum", 1))]
     if extremes:
-        kinds += [(("mean", *EXTREMES), ("sum", 1)), (("mean", "activity", *EXTREMES), small)]
+        kinds += [(("mean", *EXTREMES), ("sum", 1))]
+    if not config.follows_touch:  # there activity makes a lost taxel worse
+        kinds += [(("mean", "integral"), ("sum", 1)), (("mean", "activity", *EXTREMES), small)]
     candidates = []
     for kind, (rule, length) in kinds:
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
