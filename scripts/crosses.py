@@ -317,6 +317,7 @@ def _sample_cases(seen: Seen) -> Iterator[Case]:
 
 
 # ---------------------------------------------------------------------- protocol, arithmetic
+@cache
 def blocks() -> list[str]:
     """Components of rtl/ with a stream ``i`` and a stream ``o``."""
     found = []

@@ -104,4 +104,8 @@ def pytest_sessionfinish(session: Any) -> None:
         PARTS.mkdir(parents=True, exist_ok=True)
         (PARTS / f"{worker}.json").write_text(json.dumps(HITS))
     if worker == "main":  # its workers have ended
-        merge()
+        try:
+            merge()
+        except ValueError as error:  # raised here, it would take the place of the tests' own summary
+            session.exitstatus = 1
+            session.config.get_terminal_writer().line(f"\ncoverage: {error}", red=True)
