@@ -255,10 +255,6 @@ MISSED = {"run": "FAILED", "stability": "FAILED"}
 """Rows that check something which a tiny model may miss, and what is said then; they end with 1."""
 
 
-TOOLS = ("build", "energy", "asic")
-"""Rows that run synthesis for a minute; tests of their own run the tools on designs of a moment."""
-
-
 def archives(folder: Path) -> None:
     """data.npz, twelve touches of four taxels by three persons, and images.npz, 24 images of 8 x 8."""
     rng, frame, taxel = np.random.default_rng(0), np.arange(48)[:, None], np.arange(4)
@@ -436,7 +432,7 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
 
 def cells() -> list[Any]:
     """Every row on every kind, slow ones marked. Of each verb that takes a model a row is tried on what the main
-    job chose."""
+    job chose; that model takes a minute, so these are slow."""
     verbs = {
         row.partition(" ")[0]: row
         for row, (command, _) in reversed(ROWS.items())
@@ -444,7 +440,6 @@ def cells() -> list[Any]:
     }
     chosen = {(row, "chosen") for row in verbs.values()}
     quick = {(row, kind) for row in ROWS for kind in ROWS[row][1]}
-    quick |= {cell for cell in chosen if cell[0] not in TOOLS}
     return [
         pytest.param(*cell, id=" ".join(cell), marks=() if cell in quick else pytest.mark.slow)
         for cell in itertools.product(ROWS, KINDS)
