@@ -20,7 +20,7 @@ from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.image.image_engine import LANES as IMAGE_LANES
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
-from eskin.study.energy import Estimate, Power, bitstream_power, estimate, scheduled_activity
+from eskin.study.energy import Activity, Estimate, Power, bitstream_power, estimate, scheduled_activity
 from eskin.verbs.build import suited
 
 CODE = ("rtl", "verbs/cost.py", "verbs/build.py", "cosim/latency.py")
@@ -78,21 +78,21 @@ def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
     return fitted.with_lanes(room.multipliers - 1)
 
 
+def _activity(config: AcceleratorConfig) -> Activity:
+    """Of a design on its lanes, by the cycles of its schedule."""
+    return scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), config.hardware.lanes)
+
+
 def estimated(config: AcceleratorConfig, part: str) -> Estimate:
-    """`eskin.study.energy.estimate` of a design on its lanes, by the cycles of its schedule."""
-    lanes = config.hardware.lanes
-    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), lanes)
-    return estimate(config, part, activity, config.hardware.clock_hz)
+    """`eskin.study.energy.estimate` of a design."""
+    return estimate(config, part, _activity(config), config.hardware.clock_hz)
 
 
 def power_of(config: AcceleratorConfig, board: str = BOARD) -> Power:
     """Power of the bitstream with one touch a second, on the lanes and the clock that `cost_of` prices."""
     target = find_target(board)
     config = on_board(config, target)
-    activity = scheduled_activity(
-        config, step_cycles(config), *mean_frame_cycles(config), config.hardware.lanes
-    )
-    return bitstream_power(config, target.device, activity, target.clock_hz)
+    return bitstream_power(config, target.device, _activity(config), target.clock_hz)
 
 
 def parts_of(config: AcceleratorConfig) -> dict[str, float]:

@@ -55,8 +55,8 @@ def _on_fpga(model: IntegerModel, target: Target) -> PartNeed:
     config, known = model.config, target.room is not None and target.device in PARTS
     row = PartNeed(part=target.device, board=target.name)
     try:
-        row.latency_s = decision_cycles(suited(config, target)) / target.clock_hz
         if not known:
+            row.latency_s = decision_cycles(suited(config, target)) / target.clock_hz
             return row
         cost = cost_of(config, target.name)
         row.cells, row.latency_s, row.average_w = cost.cells, cost.latency_s, cost.average_w
