@@ -68,12 +68,14 @@ class Candidate:
 
     @property
     def network(self) -> Record:
-        """Cell, hidden units (0: none) and recipe."""
+        """Cell, hidden units (0: none) and recipe; of trees their number and depth, too."""
         config = self.config
+        sizes = {"trees": config.forest.trees, "depth": config.forest.depth} if config.is_forest else {}
         return {
             "cell": config.network.cell,
             "hidden": config.network.hidden if config.recurrent else 0,
             "recipe": self.recipe.name,
+            **sizes,
         }
 
 
@@ -121,8 +123,16 @@ class ScoredCandidate:
 
     @property
     def config(self) -> AcceleratorConfig:
-        """The design."""
+        """The design; of trees with the sizes of the largest that were fitted."""
+        fitted = [network.integer.config for _, network in self.decisions.fitted] if self.decisions else []
+        if self.candidate.config.is_forest and fitted:
+            return self.candidate.config.replace(nodes=max(config.forest.nodes for config in fitted))
         return self.candidate.config
+
+    @property
+    def is_linear(self) -> bool:
+        """True for a linear cell."""
+        return self.config.network.cell == "linear"
 
     @property
     def accuracy(self) -> float:

@@ -78,7 +78,10 @@ def front_end_table(record: Record) -> list[Record]:
 
 
 def network_name(row: Record) -> str:
-    """``GRU 8``, ``GRU 8 (robust)``, ``linear`` or ``linear (least squares)``: a row of ``candidates`` of training.json."""
+    """``GRU 8``, ``GRU 8 (robust)``, ``linear``, ``linear (least squares)`` or ``16 trees of depth 8``: a row of
+    ``candidates`` of training.json."""
+    if "trees" in row:
+        return f"{row['trees']} trees of depth {row['depth']}{' (robust)' * row.get('robust', False)}"
     if not row["hidden"] and row["cell"] != "linear":
         return row["cell"]
     if row["cell"] != "linear":

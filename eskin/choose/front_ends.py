@@ -62,6 +62,9 @@ WHOLE, UNDOUBLED = ((20, 8), (12, 8), (8, 8), (2, 8), (1, 8)), 8
 """Windows that divide the touch: their number, and the most sums of each. A touch of 1 / UNDOUBLED of the longest
 fills the store before the hop doubles."""
 
+FOREST_WINDOWS = (1, 2, 8)
+"""Numbers of windows that divide the touch, on which trees are tried."""
+
 DESCENT = 16
 """Highest number of cheaper neighbours that are judged."""
 
@@ -562,12 +565,14 @@ class Listed:
 
     taken: the one that the rule takes. smaller: that one, the most accurate one, and the one that the rule
     takes for each smaller number of kinds; the cheapest first. rivals: the most accurate ones with other
-    gates. during: the same without windows that divide the touch; None: there are none of these.
+    gates. for_trees: FOREST_WINDOWS that divide the touch, of the gate that suits these best. during: the same without
+    windows that divide the touch; None: there are none of these.
     """
 
     taken: AcceleratorConfig
     smaller: tuple[AcceleratorConfig, ...]
     rivals: tuple[AcceleratorConfig, ...] = ()
+    for_trees: tuple[AcceleratorConfig, ...] = ()
     during: Listed | None = None
 
     @classmethod
@@ -602,7 +607,29 @@ def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
     others = [scored for scored in judged if not scored.config.follows_touch]
     during = listed(others, prices) if 0 < len(others) < len(judged) else None
-    return Listed(taken.candidate.front_end, tuple(unique), tuple(best_of_gate.values())[:RIVALS], during)
+    rivals = tuple(best_of_gate.values())[:RIVALS]
+    return Listed(taken.candidate.front_end, tuple(unique), rivals, _for_trees(judged), during)
+
+
+def _for_trees(judged: Sequence[ScoredCandidate]) -> tuple[AcceleratorConfig, ...]:
+    """Means of FOREST_WINDOWS of the gate on which windows that divide the touch are best, and the same with activity,
+    which a linear classifier of these has little use for."""
+    dividing = [scored for scored in judged if scored.config.follows_touch]
+    if not dividing:
+        return ()
+    best = best_of(dividing).candidate.front_end
+    densest = min(one.config.sensor.scan_every for one in dividing)
+    means = dict.fromkeys(
+        one.candidate.front_end
+        for one in sorted(dividing, key=lambda one: one.config.windows.steps)
+        if _same_gate(one.candidate.front_end, best)
+        and one.config.windows.steps in FOREST_WINDOWS
+        and one.config.features.feature_kinds == ("mean",)
+        and one.config.sensor.scan_every == densest
+        and one.config.features.feature_scale == best.features.feature_scale
+    )
+    active = (valid(on, feature_kinds=("mean", "activity"), activity_rule="change") for on in means)
+    return tuple(dict.fromkeys([*means, *filter(None, active)]))
 
 
 def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
@@ -787,10 +814,10 @@ def features(
         kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
-    if extremes:
-        kinds += [(("mean", *EXTREMES), ("sum", 1))]
     if not config.follows_touch:  # there activity makes a lost taxel worse
-        kinds += [(("mean", "integral"), ("sum", 1)), (("mean", "activity", *EXTREMES), small)]
+        kinds += [(("mean", "integral"), ("sum", 1))]
+    elif extremes:  # on other windows they cost accuracy where the speed of touches is new
+        kinds += [(("mean", *EXTREMES), ("sum", 1))]
     candidates = []
     for kind, (rule, length) in kinds:
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)

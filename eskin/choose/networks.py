@@ -12,7 +12,8 @@ least squares with each of RIDGES. All cost the same, so all are tried on the ch
 others only the best of either kind, if it is not out of reach. First comes the mean of a logistic regression
 and least squares, then logistic regressions, whose margins are logarithms of odds.
 
-Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
+Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best. Trees are
+tried on windows that divide the touch, with FORESTS[PROBED] on each of `Listed.for_trees` and with the other sizes on the best.
 
 If networks are judged under disturbance, the one that the rule takes by undisturbed recordings is then tried
 on sturdier front ends (`eskin.choose.sturdy`). Linear cells fitted to disturbed touches and GRUs trained with
@@ -66,6 +67,9 @@ WEAK_PENALTY = 10.0
 where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving forces out; 0.1 is behind on
 both, 100 level."""
 
+FORESTS, PROBED = ((16, 8), (32, 10), (64, 12)), 2
+"""Trees of a forest and their depth; the place of those that find the front end."""
+
 STURDY: dict[str, Record] = {
     f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.1, 0.3, 1.0)
 }
@@ -108,7 +112,7 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """Amount of work for the choice.
 
-    fits, units: of linear cells and of GRUs. share: divisor of a recurrent network's number of updates.
+    fits, units, forests: of linear cells, of GRUs and of trees. share: divisor of a recurrent network's number of updates.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds:
     number for candidates that can still be taken. brief: nothing dearer is tried once no other can be better
     by a standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
@@ -117,6 +121,7 @@ class Effort:
 
     fits: tuple[str, ...] = tuple(fit for fit in FITS if fit not in STURDY)
     units: tuple[int, ...] = GRU_UNITS
+    forests: tuple[tuple[int, int], ...] = FORESTS
     share: int = 1
     probe: int = 12
     probe_share: int = 2
@@ -145,6 +150,7 @@ def learns_from_one_group(recordings: Recordings, parts: Sequence[np.ndarray]) -
 INSIDE = Effort(
     fits=(AVERAGED, "weak penalty", "least squares, not augmented", "ridge 0.01"),
     units=(8,),
+    forests=(),
     share=4,
     probe=8,
     probe_share=4,
@@ -188,13 +194,24 @@ class SearchOptions:
         recipe = choose_recipe(config, self.robust)
         if fit == ROBUST:
             wary = choose_recipe(config, robust=True)
-            return Candidate(on, config, dataclasses.replace(wary, name=ROBUST, updates=ROBUST_UPDATES))
+            updates = ROBUST_UPDATES if config.recurrent else wary.updates
+            return Candidate(on, config, dataclasses.replace(wary, name=ROBUST, updates=updates))
         if fit in STURDY and config.sets * config.inputs > MOST_STURDY_INPUTS:
             raise InputError(
                 f"{config.sets * config.inputs} inputs: are too many for a fit under disturbance"
             )
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
+
+    def forest(self, on: AcceleratorConfig, trees: int, depth: int, fit: str = "") -> Candidate | None:
+        """So many trees on a front end; None: no accelerator has them."""
+        found = self.possible(on, "trees", None, fit)
+        if found is None:
+            return None
+        try:
+            return dataclasses.replace(found, config=found.config.replace(trees=trees, depth=depth))
+        except InputError:
+            return None
 
     def possible(self, on: AcceleratorConfig, *network: Any) -> Candidate | None:
         """Result of ``candidate``, or None if it would raise an error."""
@@ -318,6 +335,8 @@ class NetworkSearch(Search):
         """The network of ``calm`` on another front end, with another fit."""
         assert self.calm is not None
         config = self.calm.config
+        if config.is_forest:
+            return self.options.forest(on, config.forest.trees, config.forest.depth, fit)
         units = config.network.hidden if config.recurrent else None
         return self.options.possible(on, config.network.cell, units, fit)
 
@@ -344,6 +363,24 @@ def fits_elsewhere(search: NetworkSearch) -> Request:
     ahead = [best_of(kind).candidate for kind in kinds if kind]
     names = [fit for fit, candidate in fits.items() if candidate in ahead]
     return search.request(search.usable(search.fits(on)[fit] for on in others for fit in names))
+
+
+def forest_probes(search: NetworkSearch) -> Request:
+    """Trees on each front end that may suit them, unless no other network can be better."""
+    if any(one.settled for one in search.tried):
+        return Request()
+    return search.request(
+        search.usable(search.options.forest(on, *FORESTS[PROBED]) for on in search.front_ends.for_trees)
+    )
+
+
+def forest_sizes(search: NetworkSearch) -> Request:
+    """Trees of other numbers and depths on the best of these front ends."""
+    forests = [one for one in search.tried if one.config.is_forest]
+    if not forests:
+        return Request()
+    on = best_of(forests).candidate.front_end
+    return search.request(search.usable(search.options.forest(on, *size) for size in search.effort.forests))
 
 
 def front_end_probes(search: NetworkSearch) -> Request:
@@ -393,21 +430,21 @@ def sturdier_networks(search: NetworkSearch) -> Request:
     calm, hardening, effort = search.calm, search.hardening, search.effort
     if hardening is None:
         return Request()
-    recurrent, listed = calm.config.recurrent, search.front_ends
+    listed = search.front_ends
     on = calm.candidate.front_end
     every = dict.fromkeys([on, *hardening.denser(on), *listed.smaller, *listed.rivals])
-    # a recurrent network takes seconds
+    # other networks take seconds
     ends = [on for on in every if search.in_price([search.like_calm(on)])]
-    ends = ends[: 1 if recurrent else effort.ends]
+    ends = ends[: effort.ends if calm.is_linear else 1]
     ends += [one for on in ends for one in hardening.sturdier(on)]
-    fits = dict.fromkeys((fit_of(calm), *(effort.robust if recurrent else effort.sturdy)))
+    fits = dict.fromkeys((fit_of(calm), *(effort.sturdy if calm.is_linear else effort.robust)))
     return search.request(search.in_price(search.like_calm(on, fit) for on in ends for fit in fits))
 
 
 def more_windows(search: NetworkSearch) -> Request:
     """The best linear cells so far with more windows, which regain some of the accuracy that a sturdier fit loses."""
     calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None or calm.config.recurrent:
+    if calm is None or hardening is None or not calm.is_linear:
         return Request()
     ahead = ahead_of(search)[0].candidate.front_end
     spread = search.in_price(search.like_calm(on) for on in hardening.spread(ahead))
@@ -433,6 +470,21 @@ def windows_of_the_touch(search: NetworkSearch) -> Request:
             search.options.possible(on, "linear", None, fit) for on in ons for fit in search.effort.sturdy
         )
     )
+
+
+def robust_trees(search: NetworkSearch) -> Request:
+    """The best trees fitted to disturbances, on their front end and on sturdier ones, if they are level without any."""
+    calm, hardening, effort = search.calm, search.hardening, search.effort
+    forests = [one for one in search.tried if one.config.is_forest and not one.candidate.recipe.robust]
+    if calm is None or hardening is None or calm.config.is_forest or not forests:
+        return Request()
+    best = best_of(forests)
+    if not is_level(best_of(search.tried).correct, best.correct):
+        return Request()
+    on, size = best.candidate.front_end, best.config.forest
+    ons = [on, *hardening.sturdier(on)[-1:]]
+    fitted = (search.options.forest(at, size.trees, size.depth, fit) for at in ons for fit in effort.robust)
+    return search.request(search.in_price(fitted))
 
 
 def robust_recurrent(search: NetworkSearch) -> Request:
@@ -497,6 +549,8 @@ def robust_dearer(search: NetworkSearch) -> Request:
 MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("fits of a linear cell", linear_fits),
     Move("the best fits on other front ends", fits_elsewhere),
+    Move("trees on front ends for them", forest_probes),
+    Move("trees of other sizes", forest_sizes),
     Move("front ends for recurrent networks", front_end_probes),
     Move("units of a GRU", gru_units),
     Move("a larger GRU", larger_gru),
@@ -504,13 +558,14 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("sturdier designs", sturdier_networks),
     Move("more windows", more_windows),
     Move("windows that divide the touch", windows_of_the_touch),
+    Move("trees fitted to disturbances", robust_trees),
     Move("recurrent cells trained under disturbance", robust_recurrent),
     Move("further seeds under disturbance", seeds_under_stress),
     Move("what a higher cost gains", robust_dearer),
 )
 """Moves of the search of a network."""
 
-AS_REQUESTED = (MOVES[2],)
+AS_REQUESTED = (Move("front ends for recurrent networks", front_end_probes),)
 """Moves for a network that the user named."""
 
 
@@ -534,7 +589,7 @@ def choose_networks(searches: Sequence[NetworkSearch], settings: CrossValidation
 def fit_of(one: ScoredCandidate) -> str:
     """Name of the fit of a candidate, as in `SearchOptions.candidate`."""
     name = one.candidate.recipe.name
-    if one.config.recurrent:
+    if not one.is_linear:
         return ROBUST if name == ROBUST else ""
     return name if name in FITS else "linear"
 

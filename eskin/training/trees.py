@@ -62,10 +62,7 @@ def fit_forest(
         (touches, K, D), and which steps a touch has (touches, K); a step that it does not have gets the features of its last
         one.
 
-    Raises
-    ------
-    InputError
-        The trees have more nodes than a configuration may.
+    Each tree grows where it gains most, up to its part of MOST_NODES.
     """
     from sklearn.ensemble import RandomForestClassifier
 
@@ -73,7 +70,12 @@ def fit_forest(
     windows = np.minimum(np.arange(features.shape[1]), last[:, None])
     inputs = features[np.arange(len(features))[:, None], windows].reshape(len(features), -1)
     forest = config.forest
-    fitted = RandomForestClassifier(forest.trees, max_depth=forest.depth, random_state=seed % (1 << 32))
+    fitted = RandomForestClassifier(
+        forest.trees,
+        max_depth=forest.depth,
+        max_leaf_nodes=MOST_NODES // forest.trees + 1,
+        random_state=seed % (1 << 32),
+    )
     return forest_arrays(config, fitted.fit(inputs, labels))
 
 
