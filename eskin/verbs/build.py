@@ -45,7 +45,6 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.core.converters import sample_clock
-from eskin.golden.model import load_training
 from eskin.memo import Memo, code_version
 from eskin.rtl.common import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -70,6 +69,7 @@ from eskin.rtl.program.schedule import (
 from eskin.rtl.top import standby
 from eskin.rtl.top.system import BAUD, refuse_standalone
 from eskin.study.energy import PARTS, Turn, bitstream_power, estimate, in_words, scheduled_activity
+from eskin.training.record import training_of
 
 
 class BoardRequest(ModelOptions):
@@ -146,13 +146,12 @@ def refuse_rate_not_held(folder: Path) -> None:
     InputError
         Training has judged the mode, at a smaller error, and its figure is below the bound.
     """
-    (first, *_) = load_training(folder).get("cross_validation") or [{}]
-    disturbed = (first.get("nested") or {}).get("disturbed") or {}
-    for row in disturbed.get("stress", []):
-        if row["mode"] == RATE_MODE and not row["held"]:
+    splits = training_of(folder).cross_validation[:1]
+    for row in [row for split in splits if split.nested for row in split.nested.disturbed.stress]:
+        if row.mode == RATE_MODE and not row.held:
             raise InputError(
                 f"`standalone`: the part's own oscillator is off by up to {100 * standby.TOLERANCE:g} %, and '{folder}' does "
-                f"not hold a {RATE_MODE} ({100 * row['figure']:.1f} % where {100 * row['bound']:.1f} % are asked, on unseen "
+                f"not hold a {RATE_MODE} ({100 * row.figure:.1f} % where {100 * row.bound:.1f} % are asked, on unseen "
                 f"recordings); train with --stress FILE, in which {RATE_MODE} weighs more, or use a board with a clock"
             )
 

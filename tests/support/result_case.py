@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.results import Cycles, Played
-from eskin.golden.core import write_json
+from eskin.golden.core import Result, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, pipeline
 from eskin.training.evaluate import Evaluation
 from eskin.training.made_up import random_recordings
 from eskin.training.quantise import profile, range_records
+from eskin.training.record import Training
 from eskin.training.stage_error import LogitError
 from eskin.training.times import step_times
 from eskin.verbs.cost import power_of
@@ -51,12 +52,22 @@ def recordings(count: int = 12) -> Recordings:
     )
 
 
+def some(kind: type[Result], **fields: Any) -> Any:
+    """A part of a result with some fields alone."""
+    return kind.model_construct(**fields)
+
+
+def but(result: Result, **fields: Any) -> Any:
+    """``result`` with other fields."""
+    return result.model_copy(update=fields)
+
+
 def float_model() -> FloatModel:
     """A float network with random weights."""
     return random_float_model(CONFIG, 5)
 
 
-def training_record(loaded: Recordings) -> dict[str, Any]:
+def training_record(loaded: Recordings) -> Training:
     """A training record with two splits."""
     touches = pipeline.find_touches(CONFIG, loaded)
     times = step_times(CONFIG, touches)
@@ -70,6 +81,8 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         "integer_spread": 0.0234,
         "standard_error": 0.021,
         "range": [0.75, 1.0],
+        "integer_by_seed": [0.9642],
+        "decision_time_s": 0.25,
         "per_step": [
             {
                 "step": k + 1,
@@ -90,16 +103,16 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         ],
         "confusion": [[17, 1, 0], [0, 15, 3]],
     }
-    return {
-        "seed": 0,
-        "recipe": {"name": "onset"},
-        "data": loaded.source,
-        "recordings": len(loaded),
-        "parameters": CONFIG.parameter_count,
-        "ranges": range_records(CONFIG, profile(float_model(), touches)),
-        "versions": {"torch": "9.8.7"},
-        "cross_validation": [split, {**split, "groups": [], "integer_accuracy": 0.8877}],
-    }
+    return Training(
+        seed=0,
+        recipe={"name": "onset"},
+        data=loaded.source,
+        recordings=len(loaded),
+        parameters=CONFIG.parameter_count,
+        ranges=range_records(CONFIG, profile(float_model(), touches)),
+        versions={"torch": "9.8.7"},
+        cross_validation=[split, {**split, "groups": [], "integer_accuracy": 0.8877}],
+    )
 
 
 def evaluation(count: int, *, agreement: float = 0.9954, integer: float = 0.9844) -> Evaluation:
@@ -206,8 +219,8 @@ def make_result(folder: Path) -> Path:
         "passed": True,
         "lowest_clock_hz": 711e3,
         "checks": [{"name": "hardware equals model", "held": True, "detail": "0 mismatches"}],
-        "power": power_of(model.config).model_dump(),
-        "parts": [row.model_dump() for row in parts_of(model)],
+        "power": power_of(model.config),
+        "parts": parts_of(model),
         "timings": [{"stage": "training", "wall_s": 12.3, "cached": False}],
         "wall_s": 20.0,
     }

@@ -14,12 +14,15 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
+from eskin.golden.core import write_json
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
+from eskin.training.record import Disturbed, ModeFigure, Nested
 from eskin.verbs import build as job
+from tests.support import result_case
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG
 from tests.support.small_designs import SMALL, with_converter
@@ -113,9 +116,13 @@ def test_a_rate_that_a_model_does_not_hold_is_refused_where_its_own_oscillator_s
         (False, "icebreaker", 2),
         (False, "ulx3s", 1),  # its clock never stops
     ):
-        row = {"mode": job.RATE_MODE, "figure": 0.803, "bound": 0.93, "held": holds}
-        nested = {"disturbed": {"stress": [row]}} if holds is not None else None
-        (folder / "model/training.json").write_text(json.dumps({"cross_validation": [{"nested": nested}]}))
+        record = result_case.training_record(result_case.recordings())
+        row = ModeFigure(mode=job.RATE_MODE, figure=0.803, bound=0.93, held=bool(holds))
+        split = record.cross_validation[0]
+        split.nested = Nested(
+            **split.plain(), disturbed=Disturbed(stress=[row] * (holds is not None)), wall_s=1
+        )
+        write_json(folder / "model/training.json", record)
         status, _, err = call("--target", board, *words)
         assert status == expected and ("80.3 % where 93.0 % are asked" in err) == (status == 2), err
     (folder / "model/training.json").unlink()
