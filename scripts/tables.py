@@ -91,12 +91,13 @@ def placed(config: AcceleratorConfig) -> Row:
     of_model: Record = {"config": model.config, "arrays": model.arrays, "lanes_asked": True}
     request = BuildRequest(target=BOARD, link=False, seeds=3, **of_model)
     result = build(request)[0]
-    energy = result["energy"]
+    energy = result.energy
+    assert energy
     touch_j = energy.per_touch_j + energy.preprocessing_per_touch_j
     return (
-        result["logic_cells"],
-        f"{result['bram']} + {result['spram']}",
-        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result["seeds"].values()),
+        result.logic_cells,
+        f"{result.bram} + {result.spram}",
+        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result.seeds.values()),
         energy.activity.step_cycles,
         f"{1e6 * touch_j:.2f} uJ",
         f"{1e6 * energy.choices[1].idle_w:.1f} uW",
