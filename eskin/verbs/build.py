@@ -8,8 +8,6 @@ The accelerator goes through Yosys and nextpnr; of several seeds the best is tak
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -697,15 +695,12 @@ def _placement(
         placement = place(netlist, target, pins, work, seed=seed, border=border)
         placement.bitstream.rename(new / placement.bitstream.name)
         shutil.rmtree(work)  # megabytes that nothing reads again
-        write_json(
-            new / "implementation.json",
-            dataclasses.asdict(placement) | {"bitstream": placement.bitstream.name},
-        )
+        write_json(new / "implementation.json", placement)
 
     folder = Memo(cache).folder(content_key(key, str(target.place), dict(pins), seed), make)
-    values = json.loads((folder / "implementation.json").read_text())
-    values["utilisation"] = {resource: tuple(counts) for resource, counts in values["utilisation"].items()}
-    return Implementation(**values | {"bitstream": folder / values["bitstream"]})
+    placement = Implementation.read(folder / "implementation.json", "remove it")
+    placement.bitstream = folder / placement.bitstream.name
+    return placement
 
 
 # ---------------------------------------------------------------------- rows of the table

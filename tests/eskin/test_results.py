@@ -1,9 +1,6 @@
 """Result files keep the keys that they have had: every file of version 0.3.0 (a chip's: of later) is read by its model,
 and written the same."""
 
-import json
-from pathlib import Path
-
 from eskin.cosim.results import Played
 from eskin.pages.result import Run
 from eskin.study.stability.core import Stability
@@ -12,10 +9,9 @@ from eskin.training.record import Training
 from eskin.verbs.asic import Chip, ChipEnergy
 from eskin.verbs.build import Build
 from eskin.verbs.energy import Energies
+from tests.support.result_case import FROZEN
 from tests.support.table import each_row
 
-FROZEN = json.loads(Path(__file__).with_name("frozen_results.json").read_text())
-"""Results of the verbs, rows that add no key left out."""
 MODELS = {
     "cosim": Played,
     "cosim_declared": Played,

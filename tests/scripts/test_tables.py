@@ -12,9 +12,8 @@ from eskin.golden.core import PRESETS
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from scripts import tables
-from tests.eskin.test_results import FROZEN
 from tests.support.random_models import random_integer_model
-from tests.support.result_case import make_result
+from tests.support.result_case import FROZEN, make_result
 from tests.support.table import each_row
 
 KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", hop=144, window=288)

@@ -15,8 +15,7 @@ from eskin.pages.report import AXES, draw_candidates, draw_lanes, fewer_scans, s
 from eskin.pages.result import OnLanes
 from eskin.pages.views import count, hertz, percent, seconds, tables
 from eskin.training.record import CandidateRow, FrontEndRow, FrontEndRows
-from tests.eskin.test_results import FROZEN
-from tests.support.result_case import CONFIG, STAGE_COUNTS, but, edit, make_result, some
+from tests.support.result_case import CONFIG, FROZEN, STAGE_COUNTS, but, edit, make_result, some
 from tests.support.table import each_row, refused
 
 SPACE = "\u202f"
