@@ -28,7 +28,8 @@ COMPILERS = {
 
 def parts_of(model: IntegerModel) -> list[PartNeed]:
     """A row for each FPGA, and for each processor if C takes the model."""
-    return [_on_fpga(model, find_target(board)) for board in BOARDS] + _on_processors(model)
+    rows = [_on_fpga(model, find_target(board)) for board in BOARDS] + _on_processors(model)
+    return [PartNeed(**row.model_dump()) for row in rows]  # what is not known is written, too
 
 
 def _on_fpga(model: IntegerModel, target: Target) -> PartNeed:
