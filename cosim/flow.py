@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,6 @@ LEAST_BEATS = 8
 """Of a block: cycles that the bench has until it must give the next one."""
 WAVES_BEFORE = 2000
 """Cycles kept before a mismatch."""
-
-
-OBSERVERS: list[Callable[[Any, Played], None]] = []
-"""Functions that are shown each `Run` and its result: what tests count as covered."""
 
 
 class NoClock(SimulationError):
@@ -203,10 +199,7 @@ def cosim(
                 bulk_recordings=len(positions) * (way == "bulk"),
             )
         )
-    result = joined(run.config, parts)
-    for observe in OBSERVERS:
-        observe(run, result)
-    return result
+    return joined(run.config, parts)
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:

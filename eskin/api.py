@@ -32,12 +32,12 @@ from eskin.golden.model import (
     float_images,
     images_of,
     load_config,
-    load_training,
     run,
     run_images,
 )
 from eskin.golden.model.model import FLOAT_FILE, INTEGER_FILE
 from eskin.golden.model.prototypes import forget
+from eskin.training.record import training_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -210,7 +210,7 @@ class Model:
             model._real = FloatModel.load(folder, images=True)
         if (Path(folder) / INTEGER_FILE).exists():
             model._integer = IntegerModel.load(folder, images=True)
-        model._training = load_training(folder)
+        model._training = training_of(folder).plain()
         return model
 
     def save(self, folder: str | Path) -> None:

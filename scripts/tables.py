@@ -39,12 +39,14 @@ from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.cosim.results import Played
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
+from eskin.pages.result import Run
 from eskin.pages.views import GAP, count, percent, verdict
 from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.study.energy import CR2032_J, DAY_S
+from eskin.training.record import CandidateRow, training_of
 from eskin.verbs.build import BuildRequest, build
 from eskin.verbs.run_job import CODE
 from scripts import ROOT
@@ -89,12 +91,13 @@ def placed(config: AcceleratorConfig) -> Row:
     of_model: Record = {"config": model.config, "arrays": model.arrays, "lanes_asked": True}
     request = BuildRequest(target=BOARD, link=False, seeds=3, **of_model)
     result = build(request)[0]
-    energy = result["energy"]
+    energy = result.energy
+    assert energy
     touch_j = energy.per_touch_j + energy.preprocessing_per_touch_j
     return (
-        result["logic_cells"],
-        f"{result['bram']} + {result['spram']}",
-        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result["seeds"].values()),
+        result.logic_cells,
+        f"{result.bram} + {result.spram}",
+        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result.seeds.values()),
         energy.activity.step_cycles,
         f"{1e6 * touch_j:.2f} uJ",
         f"{1e6 * energy.choices[1].idle_w:.1f} uW",
@@ -117,37 +120,37 @@ def parts(name: str) -> Iterator[Row]:
     yield name, *cells, frame_cycles(config), step_cycles(config)
 
 
-def run_figures(folder: Path, run: Record) -> Record:
+def run_figures(folder: Path, run: Run) -> Record:
     """Figures of a result folder of ``eskin run`` by column."""
-    pace = "cosim.json" if run.get("images") else "cosim_declared.json"
-    training = json.loads((folder / "model/training.json").read_text())
-    played, paced = (Played.model_validate_json((folder / file).read_text()) for file in ("cosim.json", pace))
-    split, source = training["cross_validation"][0], Path(run["data"]["source"])
-    chosen = next(row for row in run["candidates"] if row["chosen"])
+    pace = "cosim.json" if run.images else "cosim_declared.json"
+    training = training_of(folder / "model")
+    played, paced = (Played.read(folder / file, "run it again") for file in ("cosim.json", pace))
+    split, source = training.cross_validation[0], Path(run.data.source)
+    chosen = next(row for row in run.candidates or [] if row.chosen)
     late = paced.cycles.decision_latency_max
     figures = {
-        "recordings": f"{source.parent.name or source}, {run['data']['recordings']}",
-        "left out in turn": ", ".join(split["groups"]) or "recordings",
+        "recordings": f"{source.parent.name or source}, {run.data.recordings}",
+        "left out in turn": ", ".join(split.groups) or "recordings",
         "network": network_name(chosen),
-        "own folds": percent(split["integer_accuracy"]),
-        "standard error": percent(split.get("nested", chosen)["standard_error"]),
-        "agreement": percent(split["agreement"]),
+        "own folds": percent(split.integer_accuracy),
+        "standard error": percent((split.nested or chosen).standard_error),
+        "agreement": percent(split.agreement),
         "hardware equals model": f"{verdict(played)}, {count(played.compared_values)} values",
         "last sample to decision": "no decision" if late is None else f"{1e6 * late / paced.clock_hz:.3g} us",
     }
-    if run.get("images"):
+    if not isinstance(chosen, CandidateRow):
         return figures
     return figures | {
-        "accuracy on new ones": percent(split["nested"]["integer_accuracy"]),
-        "new, float": percent(split["nested"]["float_accuracy"]),
-        "front end": chosen["front_end_words"].replace("|", "\\|"),
-        "energy of a touch": f"{1e6 * chosen['energy_touch_j']:.2f} uJ",
-        "average power": f"{1e6 * chosen['average_w']:.0f} uW",
-        "CR2032": f"{CR2032_J / chosen['average_w'] / DAY_S:.0f} days",
-        "cells": chosen["cells"],
-        "block memories": chosen["block_memories"],
-        "onset to decision": f"{chosen['decision_time_s']:.2f} s",
-        "lowest clock": f"{1e-3 * run['lowest_clock_hz']:.0f} kHz",
+        "accuracy on new ones": percent(split.unseen.integer_accuracy),
+        "new, float": percent(split.unseen.float_accuracy),
+        "front end": chosen.front_end_words.replace("|", "\\|"),
+        "energy of a touch": f"{1e6 * chosen.energy_touch_j:.2f} uJ",
+        "average power": f"{1e6 * chosen.average_w:.0f} uW",
+        "CR2032": f"{CR2032_J / chosen.average_w / DAY_S:.0f} days",
+        "cells": chosen.cells,
+        "block memories": chosen.block_memories,
+        "onset to decision": f"{chosen.decision_time_s:.2f} s",
+        "lowest clock": f"{1e-3 * (run.lowest_clock_hz or 0):.0f} kHz",
     }
 
 
@@ -165,7 +168,7 @@ def quoted(names: Iterable[str]) -> Iterator[str]:
         if path.is_dir() and result.get("code") != CODE():
             raise typer.BadParameter(f"{path}: other code than this checkout's made it; run it again")
         if path.is_dir():
-            figures = run_figures(path, result)
+            figures = run_figures(path, Run.model_validate(result))
             for page, columns in PAGES.items() if "cells" in figures else [("docs/images.md", figures)]:
                 row = {column: figures[column] for column in columns or figures}
                 tables.setdefault(page, []).append(row)
@@ -185,18 +188,19 @@ def quoted(names: Iterable[str]) -> Iterator[str]:
 
 def stress(name: str) -> Iterator[Row]:
     """Two rows of a folder: without and with the panel."""
-    training = json.loads(next(Path(name).glob("**/training.json")).read_text())
-    for kind in ("calm", "chosen"):
-        row = next(row for row in training["candidates"] if row[kind])
+    training = training_of(next(Path(name).glob("**/training.json")).parent)
+    for panel, kind in (("off", "calm"), ("on", "chosen")):
+        row = next(row for row in training.priced if getattr(row, kind))
+        assert row.worst
         yield (
-            f"{Path(name).name}, {', '.join(training['cross_validation'][0]['groups'])}",
-            "off" if kind == "calm" else "on",
-            f"{network_name(row)}, {front_end_words(row['front_end'])}",
-            *(f"{100 * row[figure]:.1f} %" for figure in ("accuracy", "stressed_accuracy")),
-            f"{row['worst']['mode']}, {100 * row['worst']['figure']:.0f} %",
-            f"{sum(mode['held'] for mode in row['stress'])} of {len(row['stress'])}",
-            f"{1e6 * row['energy_touch_j']:.2f} uJ",
-            row["cells"],
+            f"{Path(name).name}, {', '.join(training.cross_validation[0].groups)}",
+            panel,
+            f"{network_name(row)}, {front_end_words(row.front_end)}",
+            *(f"{100 * (share or 0):.1f} %" for share in (row.accuracy, row.stressed_accuracy)),
+            f"{row.worst.mode}, {100 * row.worst.figure:.0f} %",
+            f"{sum(mode.held for mode in row.stress)} of {len(row.stress)}",
+            f"{1e6 * row.energy_touch_j:.2f} uJ",
+            row.cells,
         )
 
 

@@ -18,17 +18,19 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eskin.choose.choice_table import beyond
 from eskin.choose.cost import CostModel
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core.groups import GROUP_OF
 from eskin.training.formats import with_network
 from eskin.training.judge import Decisions
 from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import Recipe
+from eskin.training.record import Disturbed, FrontEnd, FrontEndRow, Network, WorstMode
 
 if TYPE_CHECKING:
     from eskin.study.stability.panel import Panel
@@ -67,16 +69,14 @@ class Candidate:
             return cls(front_end, front_end, SCREENED)
 
     @property
-    def network(self) -> Record:
-        """Cell, hidden units (0: none) and recipe; of trees their number and depth, too."""
-        config = self.config
-        sizes = {"trees": config.forest.trees, "depth": config.forest.depth} if config.is_forest else {}
-        return {
-            "cell": config.network.cell,
-            "hidden": config.network.hidden if config.recurrent else 0,
-            "recipe": self.recipe.name,
-            **sizes,
-        }
+    def network(self) -> Network:
+        """Cell, hidden units and recipe; trees and their depth."""
+        config, recipe = self.config, self.recipe.name
+        if config.is_forest:
+            trees, depth = config.forest.trees, config.forest.depth
+            return Network(cell="trees", hidden=0, recipe=recipe, trees=trees, depth=depth)
+        hidden = config.network.hidden if config.recurrent else 0
+        return Network(cell=config.network.cell, hidden=hidden, recipe=recipe)
 
 
 def mean_told(shares: np.ndarray) -> float | None:
@@ -185,11 +185,11 @@ class ScoredCandidate:
         return (self.standard_error + stressed_error) / 2
 
     @cached_property
-    def figures(self) -> dict[str, list[Record]]:
-        """{mode, figure, bound, held} under each disturbance, as of `Panel.figures`."""
+    def figures(self) -> Disturbed:
+        """Figures of the modes, as of `Panel.figures`."""
         stressed = self.stressed
         if self.stress is None or self.wrong is None or stressed is None or np.isnan(stressed).all():
-            return {"stress": [], "gate_modes": []}
+            return Disturbed(stress=[], gate_modes=[])
         told = ~np.isnan(stressed)  # the bounds refer to the accuracy on the same recordings
         cases = self.stress.cases(self.config, self.wrong)
         return self.stress.figures(cases, float(self.correct[told].mean()))
@@ -197,15 +197,13 @@ class ScoredCandidate:
     @property
     def beyond(self) -> int:
         """Number of modes beyond their bounds."""
-        return sum(not row["held"] for rows in self.figures.values() for row in rows)
+        return sum(not row.held for row in self.figures.modes)
 
     @property
-    def worst(self) -> Record | None:
-        """{mode, figure} of the mode that is furthest beyond its bound, or nearest to it."""
-        if not (figures := [row for rows in self.figures.values() for row in rows]):
-            return None
-        row = max(figures, key=beyond)
-        return {name: row[name] for name in ("mode", "figure")}
+    def worst(self) -> WorstMode | None:
+        """The mode that is furthest beyond its bound, or nearest to it."""
+        row = max(self.figures.modes, key=beyond, default=None)
+        return WorstMode(mode=row.mode, figure=row.figure) if row else None
 
     @property
     def settled(self) -> bool:
@@ -307,32 +305,26 @@ def choose_stable(
     return _cheapest([scored for scored in level if scored.beyond <= most], prices)
 
 
-def front_end_fields(config: AcceleratorConfig) -> Record:
+def front_end_of(config: AcceleratorConfig) -> FrontEnd:
     """A front end in plain values, which `eskin.choose.choice_table.front_end_words` puts into words."""
-    onset, windows, features = config.onset_rule, config.windows, config.features
-    row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
-    if onset.onset == "baseline":
-        row["onset_threshold"] = onset.onset_threshold
-    row |= {"onset_hits": onset.onset_hits, "onset_span": onset.onset_span, "clip": config.rest_level.clip}
-    row |= {"scan_every": config.sensor.scan_every}
-    row |= {"window_mode": windows.window_mode} if config.follows_touch else {}
-    row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
-    row["feature_kinds"] = list(features.feature_kinds)
-    if "activity" in features.feature_kinds:
-        row |= {"activity_rule": features.activity_rule, "activity_block": features.activity_block}
-    return row | {"feature_scale": features.feature_scale, "inputs": config.inputs}
+    used = {name: name in GROUP_OF for name in FrontEnd.model_fields}
+    used["onset_threshold"] = config.onset_rule.onset == "baseline"
+    used["window_mode"] = config.follows_touch
+    used["activity_rule"] = used["activity_block"] = "activity" in config.features.feature_kinds
+    values = {name: config.value(name) for name in used if used[name]}
+    return FrontEnd(name=config.name, inputs=config.inputs, **values)
 
 
-def screened_row(one: ScoredCandidate, best: ScoredCandidate) -> Record:
-    """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (accuracy
-    less than that of the best), behind_error (standard error of the paired difference), level."""
+def screened_row(one: ScoredCandidate, best: ScoredCandidate, prices: CostModel) -> FrontEndRow:
+    """A row of ``front_end`` in training.json."""
     shortfall, error = paired_shortfall(best.correct, one.correct)
-    figures: dict[str, Any] = {
-        "accuracy": one.accuracy,
-        "standard_error": one.standard_error,
-        "missed": one.missed,
-        "behind": shortfall,
-        "behind_error": error,
-        "level": is_level(best.correct, one.correct),
-    }
-    return front_end_fields(one.candidate.front_end) | figures
+    return FrontEndRow(
+        **front_end_of(one.candidate.front_end).plain(),
+        accuracy=one.accuracy,
+        standard_error=one.standard_error,
+        missed=one.missed,
+        behind=shortfall,
+        behind_error=error,
+        level=is_level(best.correct, one.correct),
+        energy_touch_j=prices.cost_of(one.config).energy_touch_j,
+    )

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, ScoredCandidate, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, ScoredCandidate, choose, front_end_of, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import (
@@ -49,7 +49,7 @@ from eskin.choose.yardsticks import linear_yardsticks
 from eskin.data.fit import check_fit
 from eskin.data.folds import likely_groups
 from eskin.data.rate import wrong_rate
-from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Progress, Record
+from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Progress
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.memo import Memo
@@ -67,6 +67,17 @@ from eskin.training.judge import (
     judge,
 )
 from eskin.training.losses import Callback
+from eskin.training.record import (
+    CandidateRow,
+    Disturbed,
+    Doubt,
+    FrontEndRows,
+    Nested,
+    SameGroups,
+    Screening,
+    Split,
+    Training,
+)
 from eskin.training.settings import TrainingSettings
 from eskin.training.splits import check_split, default_splits, over_groups, split_folds
 from eskin.training.times import step_times
@@ -102,9 +113,9 @@ class Plan:
     prices: CostModel
     front_ends: FrontEnds | None = None
     screened: tuple[ScoredCandidate, ...] = ()
-    facts: Record = dataclasses.field(default_factory=dict)
+    facts: Screening | None = None
     guessed: bool = False
-    doubts: tuple[Record, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def listed(self) -> Listed:
@@ -115,28 +126,22 @@ class Plan:
         """Sturdier front ends and networks; None if networks are not judged under disturbance."""
         return Hardening(stress, self.front_ends.screen if self.front_ends else None) if stress else None
 
-    def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
-        """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
-        split, split_from, folds, recordings_looked_at, recordings, judged_by, tie, level_alone, wall_s. None
-        if no front end was chosen.
+    def record(self, taken: AcceleratorConfig | None = None) -> FrontEndRows | None:
+        """``front_end`` of training.json; None if no front end was chosen.
 
         taken: the front end of the network taken; None: the one chosen.
         """
-        if not self.screened:
+        if not self.facts:
             return None
         taken = taken or self.config
         judged = {one.candidate.front_end: one for one in self.screened}
         if taken not in judged and self.front_ends:  # a sturdier front end, which the search did not judge
             screen = self.front_ends.screen
-            parts = split_folds(screen.recordings, self.split, self.facts["folds"], None)
+            parts = split_folds(screen.recordings, self.split, self.facts.folds, None)
             judged[taken] = screen.judged(taken, parts)
-        rows = {
-            config: screened_row(one, self.screened[0])
-            | {"energy_touch_j": self.prices.cost_of(one.config).energy_touch_j}
-            for config, one in judged.items()
-        }
-        rivals = [row for config, row in rows.items() if config != taken]
-        return {"chosen": rows[taken], "rivals": rivals, **self.facts}
+        rows = {config: screened_row(one, self.screened[0], self.prices) for config, one in judged.items()}
+        chosen = rows.pop(taken)
+        return FrontEndRows(chosen=chosen, rivals=[*rows.values()], **dict(self.facts))
 
 
 def configure(
@@ -243,20 +248,20 @@ def choose_front_end(
         screened = search_front_ends(state, front_ends.progress)
     chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
-    facts: Record = {
-        "split": split,
-        "split_from": split_from,
-        "folds": len(parts),
-        "recordings_looked_at": len(judged_on),
-        "recordings": len(recordings),
-        "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
-        "tie": "at most one standard error of the paired difference over recordings worse than the best; a tie goes "
+    facts = Screening(
+        split=split,
+        split_from=split_from,
+        folds=len(parts),
+        recordings_looked_at=len(judged_on),
+        recordings=len(recordings),
+        judged_by="ridge regression on the integer front end's features of all windows, cross-validated",
+        tie="at most one standard error of the paired difference over recordings worse than the best; a tie goes "
         f"to the least {prices.prefer}",
-        "level_alone": alone,
-        "wall_s": time.perf_counter() - began,
-    }
-    words = front_end_words(front_end_fields(chosen.candidate.front_end))
-    level = f"; the best, {front_end_words(front_end_fields(best.candidate.front_end))}, has {best.accuracy:.1%}, a tie"
+        level_alone=alone,
+        wall_s=time.perf_counter() - began,
+    )
+    words, best_words = (front_end_words(front_end_of(one.candidate.front_end)) for one in (chosen, best))
+    level = f"; the best, {best_words}, has {best.accuracy:.1%}, a tie"
     reasons = [
         *recordings.notes,
         *front_ends.reasons,
@@ -264,7 +269,7 @@ def choose_front_end(
         f"({split_from}), on {len(judged_on)} recordings: {words}, {chosen.accuracy:.1%}"
         f"{'' if best is chosen else level}",
     ]
-    config, classes, found = chosen.candidate.front_end, len(recordings.class_names), list[Record]()
+    config, classes, found = chosen.candidate.front_end, len(recordings.class_names), list[Doubt]()
     if alone - 1 / classes > doubts.LEVEL_TELLS * (1 - 1 / classes):
         without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
         found += doubts.level_tells(frames, alone, max(without, default=None), split)
@@ -349,10 +354,9 @@ class Searched:
         self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
     ) -> list[FittedNetwork]:
         """As `eskin.training.judge.Learner.fit`. Networks of one candidate train at once."""
-        numbers: dict[bytes, int] = {}
-        places = [numbers.setdefault(part.tobytes(), len(numbers)) for part in parts]
-        of_part = self.choose([parts[places.index(number)] for number in range(len(numbers))])
-        self.chosen[:] = [of_part[place] for place in places]
+        unique = {part.tobytes(): part for part in parts}
+        of_part = dict(zip(unique, self.choose([*unique.values()]), strict=True))
+        self.chosen[:] = [of_part[part.tobytes()] for part in parts]
         fitted: dict[int, FittedNetwork] = {}
         for candidate in dict.fromkeys(self.chosen):
             own = [number for number, taken in enumerate(self.chosen) if taken == candidate]
@@ -364,16 +368,9 @@ class Searched:
 
 def unseen(
     plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions, split: Sequence[str]
-) -> Record:
+) -> Nested:
     """Accuracy when each fold of ``split`` is left out of every step that uses a label, and the choices that
-    led to it.
-
-    Returns
-    -------
-    {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error, range (``over_groups``),
-    per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}],
-    disturbed (of `Panel.unseen`; empty without a panel), wall_s}.
-    """
+    led to it."""
     begin, recordings, seeds = time.perf_counter(), settings.recordings, list(map(int, settings.seeds))
     tests = split_folds(recordings, list(split), settings.folds, None)
     brief = dataclasses.replace(settings, stress=settings.stress and settings.stress.brief)
@@ -382,51 +379,54 @@ def unseen(
     decisions = judge(learner, folds, recordings.labels, settings.progress)
     per_fold = decisions.per_fold(recordings, split)
     for fold, candidate in zip(per_fold, learner.chosen, strict=False):  # of the first seed
-        del fold["by_seed"]
-        fields = front_end_fields(candidate.config)
-        fold |= {"front_end": fields, "front_end_words": front_end_words(fields)}
-        fold["network"] = network_name(candidate.network)
-    return {
-        "groups": list(split),
-        "folds": len(tests),
-        "seeds": seeds,
+        fold.front_end = front_end_of(candidate.config)
+        fold.front_end_words = front_end_words(fold.front_end)
+        fold.network = network_name(candidate.network)
+    return Nested(
+        groups=split,
+        folds=len(tests),
+        seeds=seeds,
         **decisions.shares(),
         **over_groups(recordings, split, tests, decisions.correct.to_numpy()),
-        "per_fold": per_fold,
-        "disturbed": settings.stress.unseen(decisions) if settings.stress else {},
-        "wall_s": time.perf_counter() - begin,
-    }
+        per_fold=per_fold,
+        disturbed=settings.stress.unseen(decisions) if settings.stress else Disturbed(),
+        wall_s=time.perf_counter() - begin,
+    )
 
 
 # ---------------------------------------------------------------------- the network
-def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: CostModel) -> Record:
-    """A row of ``candidates`` in training.json. record: its cross-validation."""
-    config, fields = one.config, front_end_fields(one.candidate.front_end)
+def candidate_row(one: ScoredCandidate, split: Split, chosen: bool, prices: CostModel) -> CandidateRow:
+    """A row of ``candidates`` in training.json. split: its cross-validation."""
+    config, front_end = one.config, front_end_of(one.candidate.front_end)
     assert one.decisions is not None
-    return {
-        **one.candidate.network,
-        "accuracy": one.accuracy,
-        "standard_error": one.standard_error,
-        "score": one.score,
-        "score_standard_error": one.score_standard_error,
-        "stressed_accuracy": one.stressed_accuracy,
-        "worst": one.worst,
-        **one.figures,
-        "robust": one.candidate.recipe.robust,
-        "calm": one.calm,
-        "float_accuracy": record["float_accuracy"],
-        "agreement": record["agreement"],
-        **prices.row(one.decisions.fitted[0][1].integer.config),
-        "multiplies_touch": config.windows.steps * config.multiplies,
-        "multiplies_step": config.multiplies,
-        "parameters": config.parameter_count,
-        "seeds": len(record["seeds"]),
-        "decision_time_s": record["decision_time_s"],
-        "scan_every": config.sensor.scan_every,
-        "front_end": fields,
-        "front_end_words": front_end_words(fields),
-        "chosen": chosen,
-    }
+    integer = one.decisions.fitted[0][1].integer.config
+    return CandidateRow(
+        **one.candidate.network.plain(),
+        **prices.cost_of(integer).plain(),
+        accuracy=one.accuracy,
+        standard_error=one.standard_error,
+        score=one.score,
+        score_standard_error=one.score_standard_error,
+        stressed_accuracy=one.stressed_accuracy,
+        worst=one.worst,
+        stress=one.figures.stress,
+        gate_modes=one.figures.gate_modes,
+        robust=one.candidate.recipe.robust,
+        calm=one.calm,
+        float_accuracy=split.float_accuracy,
+        agreement=split.agreement,
+        block_memories=prices.blocks_of(integer),
+        fits=prices.board if prices.fits(integer) else None,
+        multiplies_touch=config.windows.steps * config.multiplies,
+        multiplies_step=config.multiplies,
+        parameters=config.parameter_count,
+        seeds=len(split.seeds),
+        decision_time_s=split.decision_time_s,
+        scan_every=config.sensor.scan_every,
+        front_end=front_end,
+        front_end_words=front_end_words(front_end),
+        chosen=chosen,
+    )
 
 
 def splits_to_report(
@@ -450,7 +450,7 @@ def train_chosen(
     keep: Memo | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,
-) -> Record:
+) -> Training:
     """Choose front end and network unless they were requested, train the network, and write the model folder.
 
     Parameters
@@ -471,11 +471,7 @@ def train_chosen(
     callback:
         As for ``eskin.training.train.train``.
 
-    The result is the record of ``eskin.training.train.train`` with ``front_end`` (if it was chosen),
-    ``candidates`` (if the network was chosen), ``reasons``, ``baselines`` (a linear classifier on the same
-    features, for each split), ``same_groups`` (accuracy with single recordings left out; None: cross_validation
-    leaves out single recordings itself), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
-    sentences).
+    The result is the record of ``eskin.training.train.train`` with all that the choice found.
 
     Raises
     ------
@@ -531,7 +527,7 @@ def train_chosen(
         for one in tried
         if one.decisions and (data := settings.datasets.of(one.config, one.candidate.recipe))
     }
-    whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
+    whole = taken in judged and len(judged[taken].seeds) == len(settings.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
     if wanted.groups is not None:
         splits = [wanted.groups]
@@ -542,14 +538,13 @@ def train_chosen(
     validated = _cross_validated(taken, splits if folds else [], settings, [judged[taken]] if whole else [])
     touches = settings.datasets.of(taken.config, taken.recipe).touches
     ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
-    notes: Record = {
-        "cross_validation": validated,
-        "reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended],
-        **({"front_end": plan.record(taken.front_end)} if plan.screened else {}),
-        **({"candidates": rows} if rows else {}),
-        **_compared(validated, len(touches), plan, settings, search_options, taken, rows),
-        "wall_s": time.perf_counter() - began,
-    }
+    notes = _compared(validated, len(touches), plan, settings, search_options, taken, rows)
+    notes.reasons = [*plan.reasons, *_reasons(plan, taken, rows), *ended]
+    if plan.screened:
+        notes.front_end = plan.record(taken.front_end)
+    if rows:
+        notes.candidates = [*rows]
+    notes.wall_s = time.perf_counter() - began
     return train(
         recordings,
         taken.config,
@@ -564,12 +559,12 @@ def train_chosen(
 
 
 def _cross_validated(
-    taken: Candidate, splits: Sequence[list[str]], settings: CrossValidationSettings, known: Sequence[Record]
-) -> list[Record]:
+    taken: Candidate, splits: Sequence[list[str]], settings: CrossValidationSettings, known: Sequence[Split]
+) -> list[Split]:
     """The record of each split; ``known``: those that the choice made."""
     for groups in splits:
         check_split(settings.recordings, groups, settings.folds)
-    records = {tuple(record["groups"]): record for record in known}
+    records = {tuple(split.groups): split for split in known}
     missing = [groups for groups in splits if tuple(groups) not in records]
     fresh = cross_validate(
         settings.recordings,
@@ -581,24 +576,24 @@ def _cross_validated(
         datasets=settings.datasets,
         progress=settings.progress,
     )
-    records |= {tuple(record["groups"]): record for record in fresh}
+    records |= {tuple(split.groups): split for split in fresh}
     return [records[tuple(groups)] for groups in splits]
 
 
-def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
+def _reasons(plan: Plan, taken: Candidate, rows: Sequence[CandidateRow]) -> list[str]:
     """Reasons for this network and for its front end."""
     reasons = []
     for row in rows:
-        if row["chosen"]:
+        if row.chosen:
             reasons.append(
                 f"network chosen among {len(rows)}, leaving out {left_out(plan.split)} ({plan.split_from}): "
-                f"{network_name(row)} {LEAST[plan.prices.prefer].format(**row)} of those within one standard "
+                f"{network_name(row)} {LEAST[plan.prices.prefer].format(**dict(row))} of those within one standard "
                 "error (of the paired difference over recordings) of the best"
             )
     if plan.screened and taken.front_end != plan.config:
         reasons.append(
             "the network uses another front end than the linear classifier: "
-            f"{front_end_words(front_end_fields(taken.front_end))}"
+            f"{front_end_words(front_end_of(taken.front_end))}"
         )
     return reasons
 
@@ -613,7 +608,7 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
     ]
 
 
-def _same_groups(settings: CrossValidationSettings, taken: Candidate) -> Record | None:
+def _same_groups(settings: CrossValidationSettings, taken: Candidate) -> SameGroups | None:
     """Accuracy to expect on new recordings of known groups: the chosen network with single recordings left
     out, one seed. None without groups, or with too few recordings of a class."""
     if not settings.groups or not settings.folds:
@@ -631,22 +626,22 @@ def _same_groups(settings: CrossValidationSettings, taken: Candidate) -> Record 
         )
     except InputError:
         return None
-    return {name: single[name] for name in ("float_accuracy", "integer_accuracy", "folds")}
+    return SameGroups.model_validate(single.plain())
 
 
 def _compared(
-    validated: Sequence[Record],
+    validated: list[Split],
     touched: int,
     plan: Plan,
     settings: CrossValidationSettings,
     search_options: SearchOptions,
     taken: Candidate,
-    rows: Sequence[Record],
-) -> Record:
+    rows: Sequence[CandidateRow],
+) -> Training:
     """Comparisons for training.json: for every split a linear classifier on the same integer features and folds,
     and its ``unseen`` figure if something was chosen."""
     recordings, config = settings.recordings, taken.config
-    splits = [split["groups"] for split in validated]
+    splits = [split.groups for split in validated]
     baselines = linear_yardsticks(recordings, config, splits, settings.folds)
     found = list(plan.doubts)
     if plan.screened and not config.recurrent:  # front ends are judged with a linear network
@@ -655,21 +650,22 @@ def _compared(
         found += doubts.below_baselines(split, baselines, rows if search_options.open else None)
         found += doubts.lost_classes(split, recordings.class_names)
         if plan.screened or search_options.open:
-            split["nested"] = None
+            split.nested = None
             try:
                 if plan.guessed:
                     raise InputError("recordings are too few; record more")
-                split["nested"] = unseen(plan, settings, search_options, split["groups"])
-                found += doubts.by_choice(split)
+                split.nested = unseen(plan, settings, search_options, split.groups)
+                found += doubts.by_choice(split, split.nested)
             # a front end that a fold chose has no room for its network, or no touch
             except InputError as error:
                 found.append(doubts.no_unseen_figure(split, str(error)))
     found += [doubts.doubt("wrong_rate", sentence) for sentence in wrong_rate(recordings)]
     found += doubts.missed_onsets(touched, len(recordings))
     found += doubts.look_alike(recordings, splits[0] if splits else ["none"], settings.folds)
-    return {
-        "baselines": baselines,
-        "same_groups": _same_groups(settings, taken),
-        "doubts": found,
-        "warnings": doubts.sentences(found),
-    }
+    return Training(
+        cross_validation=validated,
+        baselines=baselines,
+        same_groups=_same_groups(settings, taken),
+        doubts=found,
+        warnings=[doubt.text for doubt in found],
+    )

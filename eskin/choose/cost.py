@@ -5,11 +5,12 @@ design, so they are counted only if the choice depends on them. The figures come
 through the functions of a `CostModel`, so this module imports no hardware.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, get_args
+from typing import Literal, TypeVar, get_args
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.training.record import CandidateCost
 
 Prefer = Literal["energy", "cells", "latency"]
 """Cost to minimise among candidates that are tied in accuracy; energy: average power, then energy of a touch."""
@@ -20,18 +21,10 @@ EQUAL = 1.01
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cost:
-    """energy_touch_j: of a touch, from its first frame to its decision, joule. cells: logic cells, onset to
-    decision. latency_s: from the last sample to the decision, at the board's clock. touch_s: from the onset
-    to the last sample. average_w: average power with one touch a second, on the board's clock, which always runs.
-    It includes the scans of the configuration's converter if its data sheet gives a power."""
+class Cost(CandidateCost):
+    """touch_s: from the onset to the last sample."""
 
-    energy_touch_j: float
-    cells: int
-    latency_s: float
     touch_s: float
-    average_w: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,30 +70,11 @@ class CostModel:
         """False if the user named a board that is too small for ``config``."""
         return not self.named or self.fits(config)
 
-    def row(self, config: AcceleratorConfig) -> dict[str, Any]:
-        """The costs of a candidate as training.json has them."""
-        cost = self.cost_of(config)
-        return {
-            "energy_touch_j": cost.energy_touch_j,
-            "average_w": cost.average_w,
-            "cells": cost.cells,
-            "block_memories": self.blocks_of(config),
-            "latency_s": cost.latency_s,
-            "fits": self.board if self.fits(config) else None,
-        }
 
-
-def pareto(records: Sequence[Mapping[str, Any]], cost: str) -> list[int]:
-    """Indices of the records on the Pareto front of ``cost`` (lower is better) and accuracy (higher is
-    better), sorted by cost."""
-    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -records[i]["accuracy"]))
-    front: list[int] = []
-    for i in order:
-        gain, last = records[i]["accuracy"], records[front[-1]] if front else None
-        if (
-            last is None
-            or gain > last["accuracy"]
-            or (gain, records[i][cost]) == (last["accuracy"], last[cost])
-        ):
-            front.append(i)
+def pareto(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The Pareto front of (cost, accuracy), sorted by cost."""
+    front: list[tuple[float, float]] = []
+    for place in sorted(places, key=lambda place: (place[0], -place[1])):
+        if not front or place[1] > front[-1][1] or place == front[-1]:
+            front.append(place)
     return front

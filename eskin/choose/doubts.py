@@ -1,22 +1,21 @@
 """Doubts about a result that may be worse than it looks: each gives its reason and the one action that helps.
 
-A doubt is a record {code, text}, with {groups} if it is about one split. ``code`` is the name of the function
-below that gives it, or ``wrong_rate``.
+The ``code`` of a doubt is the name of the function below that gives it, or ``wrong_rate``.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from eskin.choose.choice_table import left_out, unseen
+from eskin.choose.choice_table import left_out
 from eskin.choose.yardsticks import neighbours_alike
 from eskin.data.folds import likely_groups
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.training.level import is_level
+from eskin.training.record import Baseline, Doubt, Judged, Nested, NetworkRow, Split
 
 MOST_MISSED = 0.02
 """Largest share of recordings without an onset that raises no doubt."""
@@ -46,24 +45,17 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Record:
+def doubt(code: str, text: str, split: Judged | None = None) -> Doubt:
     """A doubt; with ``split``, it is about this split, and its sentence begins with the groups left out."""
     if split is None:
-        return {"code": code, "text": text}
-    groups = list(split["groups"])
-    return {"code": code, "text": f"with {left_out(groups)} left out, {text}", "groups": groups}
-
-
-def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Sentences of doubts, for ``warnings``."""
-    return [one["text"] for one in found]
+        return Doubt(code=code, text=text)
+    text = f"with {left_out(split.groups)} left out, {text}"
+    return Doubt(code=code, text=text, groups=split.groups)
 
 
 def below_baselines(
-    split: Mapping[str, Any],
-    baselines: Sequence[Mapping[str, Any]],
-    candidates: Sequence[Mapping[str, Any]] | None,
-) -> list[Record]:
+    split: Split, baselines: Sequence[Baseline], candidates: Sequence[NetworkRow] | None
+) -> list[Doubt]:
     """A doubt if the best baseline of a split is better than the network: by more than one standard error if
     hardware could implement it, otherwise by more than two. A baseline on whole recordings is compared with
     the networks that were chosen without each fold.
@@ -75,60 +67,59 @@ def below_baselines(
     candidates:
         The candidates for the network; None: it was not chosen. The advice does not contradict their results.
     """
-    rivals = [row for row in baselines if list(row["groups"]) == list(split["groups"])]
+    rivals = [row for row in baselines if row.groups == split.groups]
     if not rivals:
         return []
 
-    def accuracy(row: Mapping[str, Any]) -> float:
+    def accuracy(row: Baseline) -> float:
         # a baseline on whole recordings chose nothing on these folds; one on the network's features uses the
         # chosen front end
-        return float((unseen(dict(split)) if row.get("whole") else split)["integer_accuracy"])
+        return (split.unseen if row.whole else split).integer_accuracy
 
-    best = max(rivals, key=lambda row: row["accuracy"] - accuracy(row))
-    short = best["accuracy"] - accuracy(best)
-    if short <= best["standard_error"] * (1 if best["hardware"] else 2):
+    best = max(rivals, key=lambda row: row.accuracy - accuracy(row))
+    short = best.accuracy - accuracy(best)
+    if short <= best.standard_error * (1 if best.hardware else 2):
         return []
     larger = _larger(candidates or [])
     fix = "try `cell` auto" if candidates is None else larger or "no other candidate is better"
-    if not best["hardware"]:
+    if not best.hardware:
         fix = f"eskin has no hardware for it; {fix}"
     text = (
-        f"the {best['name']} classifies {percent(best['accuracy'])} correctly and the network "
+        f"the {best.name} classifies {percent(best.accuracy)} correctly and the network "
         f"{percent(accuracy(best))}, {100 * short:.1f} points less: {fix}"
     )
     return [doubt("below_baselines", text, split)]
 
 
-def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
+def _larger(candidates: Sequence[NetworkRow]) -> str:
     """Advice to take more units, if the largest network that was judged was the best."""
     if not candidates:
         return ""
-    best = max(candidates, key=lambda row: row["accuracy"])
-    larger = [size for size in SIZES if size > best["hidden"]]
-    if not best["hidden"] or not larger or best["hidden"] < max(row["hidden"] for row in candidates):
+    best = max(candidates, key=lambda row: row.accuracy)
+    larger = [size for size in SIZES if size > best.hidden]
+    if not best.hidden or not larger or best.hidden < max(row.hidden for row in candidates):
         return ""
-    return f"try `cell` {best['cell']} `hidden` {larger[0]}"
+    return f"try `cell` {best.cell} `hidden` {larger[0]}"
 
 
-def by_choice(split: Mapping[str, Any]) -> list[Record]:
+def by_choice(split: Split, nested: Nested) -> list[Doubt]:
     """A doubt if the accuracy on the folds that chose front end and network is higher than that of nested
     cross-validation."""
-    nested = split["nested"]
     # both leave out the same groups, so the error of their difference is one over recordings
-    accuracy, count = nested["integer_accuracy"], sum(fold["recordings"] for fold in nested["per_fold"])
-    if split["integer_accuracy"] - accuracy <= 2 * math.sqrt(accuracy * (1 - accuracy) / count):
+    accuracy, count = nested.integer_accuracy, sum(fold.recordings for fold in nested.per_fold)
+    if split.integer_accuracy - accuracy <= 2 * math.sqrt(accuracy * (1 - accuracy) / count):
         return []
     text = (
-        f"the chosen network classifies {percent(split['integer_accuracy'])} correctly on the folds that chose "
+        f"the chosen network classifies {percent(split.integer_accuracy)} correctly on the folds that chose "
         f"it, and nested cross-validation gives {percent(accuracy)}: quote the second figure for "
-        f"a new {' and '.join(split['groups']) or 'recording'}, or record more of them"
+        f"a new {' and '.join(split.groups) or 'recording'}, or record more of them"
     )
     return [doubt("by_choice", text, split)]
 
 
-def below_range(tested: Evaluation, split: Mapping[str, Any]) -> list[Record]:
+def below_range(tested: Evaluation, split: Split) -> list[Doubt]:
     """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out."""
-    low, high = unseen(dict(split))["range"]
+    low, high = split.unseen.range
     if tested.integer_accuracy >= low:
         return []
     text = (
@@ -139,7 +130,7 @@ def below_range(tested: Evaluation, split: Mapping[str, Any]) -> list[Record]:
     return [doubt("below_range", text, split)]
 
 
-def seen_in_training(tested: HeldBack, things: str) -> list[Record]:
+def seen_in_training(tested: HeldBack, things: str) -> list[Doubt]:
     """A doubt if recordings, or images, held back are also in the training data."""
     seen, count = tested.seen_in_training, tested.recordings
     text = (
@@ -149,12 +140,12 @@ def seen_in_training(tested: HeldBack, things: str) -> list[Record]:
     return [doubt("seen_in_training", text)] if seen else []
 
 
-def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
+def no_unseen_figure(split: Split, why: str) -> Doubt:
     """The doubt that the choice could not be repeated inside the folds of a split."""
     return doubt("no_unseen_figure", f"there is no nested cross-validation: {why}", split)
 
 
-def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Evaluation) -> list[Record]:
+def lost_in_integers(splits: Sequence[Split], evaluated: Evaluation) -> list[Doubt]:
     """Doubts if the accuracy of the integers is LOST below that of the floats, with the stage that loses most
     and its fix.
 
@@ -174,18 +165,19 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Evaluation) ->
     fix = fixes.get(stage or "", "`state_bits` 16")
     alike = evaluated.agreement >= 1 - LOST  # then wider formats do not help
     found = []
-    for split, judged in ((split, unseen(split)) for split in splits):
-        lost, own = (one["float_accuracy"] - one["integer_accuracy"] for one in (judged, split))
+    for split in splits:
+        judged = split.unseen
+        lost, own = (row.float_accuracy - row.integer_accuracy for row in (judged, split))
         if lost > LOST and stage and not (alike and own <= LOST):
             text = (
-                f"the integer network classifies {percent(judged['integer_accuracy'])} correctly, the float one "
-                f"{percent(judged['float_accuracy'])}, and the {stage} lose most of it: try 'eskin quantise MODEL {fix}'"
+                f"the integer network classifies {percent(judged.integer_accuracy)} correctly, the float one "
+                f"{percent(judged.float_accuracy)}, and the {stage} lose most of it: try 'eskin quantise MODEL {fix}'"
             )
             found.append(doubt("lost_in_integers", text, judged))
     return found
 
 
-def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> list[Record]:
+def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> list[Doubt]:
     """A doubt if a network recognises the class although the touch was removed, or although only the first
     ``frames`` are left: ``accuracy`` above ``limit``."""
     if accuracy <= limit:
@@ -203,7 +195,7 @@ def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> li
     return [doubt("leaks", text)]
 
 
-def level_tells(frames: int, share: float, without: float | None, groups: Sequence[str]) -> list[Record]:
+def level_tells(frames: int, share: float, without: float | None, groups: Sequence[str]) -> list[Doubt]:
     """The doubt that the level of the first ``frames`` reveals the class in a ``share`` of the recordings.
 
     Parameters
@@ -232,7 +224,7 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
     ]
 
 
-def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:
+def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Doubt]:
     """A doubt if only the longest of the front ends ``screened`` (configuration, correct; best first) tie
     with the best, and the accuracy of the best is below ENOUGH: longer touches might give a higher accuracy.
 
@@ -264,7 +256,7 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
     return [doubt("still_climbing", text)]
 
 
-def missed_onsets(touched: int, count: int) -> list[Record]:
+def missed_onsets(touched: int, count: int) -> list[Doubt]:
     """A doubt if no onset is found in more than MOST_MISSED of the recordings."""
     if count - touched <= MOST_MISSED * count:
         return []
@@ -272,9 +264,9 @@ def missed_onsets(touched: int, count: int) -> list[Record]:
     return [doubt("missed_onsets", f"{text}'eskin inspect'")]
 
 
-def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[Record]:
+def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:
     """A doubt if classes are recognised no more often than by guessing."""
-    table = np.array(split["confusion"], dtype=float)
+    table = np.array(split.confusion, dtype=float)
     shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
     lost = [
         name
@@ -295,7 +287,7 @@ def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[R
     return [doubt("lost_classes", text, split)]
 
 
-def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> list[Record]:
+def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> list[Doubt]:
     """A doubt if no group is left out and recordings are classified better with their neighbours in the
     archive in training."""
     if groups or folds < 2 or np.bincount(recordings.labels).min() < folds:

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from eskin.choose.front_ends import EstimatorLearner, RidgeLearner, Screen, correct_without
-from eskin.golden.core import AcceleratorConfig, Progress, Record
+from eskin.golden.core import AcceleratorConfig, Progress
 from eskin.golden.data import Recordings
 from eskin.training.fit import one_thread
+from eskin.training.record import Baseline
 from eskin.training.splits import split_folds
 
 PARTS = 10
@@ -98,7 +99,7 @@ def forest() -> Any:
 
 def linear_yardsticks(
     recordings: Recordings, config: AcceleratorConfig, splits: Sequence[Sequence[str]], folds: int
-) -> list[Record]:
+) -> list[Baseline]:
     """Accuracy of the linear classifier on the network's own features, a row for each split as in
     ``yardsticks``; the network's hardware could implement it."""
     screen, rows = Screen(recordings), []
@@ -107,7 +108,7 @@ def linear_yardsticks(
         with one_thread():
             correct = screen.judged(config, split_folds(recordings, groups, folds, None)).correct
         name = "linear classifier on the same features"
-        rows.append(_row(name, groups, correct, multiplies) | {"hardware": True})
+        rows.append(_row(name, groups, correct, multiplies, hardware=True))
     return rows
 
 
@@ -117,15 +118,9 @@ def yardsticks(
     groups: Sequence[str],
     folds: int,
     progress: Progress = lambda task, done, total: None,
-) -> list[Record]:
+) -> list[Baseline]:
     """Accuracies of other classifiers when ``groups`` are left out: support vectors on the network's
-    features, and on whole recordings a linear classifier, support vectors and a random forest.
-
-    Returns
-    -------
-    {name, groups, accuracy, standard_error (over recordings), multiplies (of a touch; 0: compares), hardware
-    (False), whole (it sees whole recordings)} each.
-    """
+    features, and on whole recordings a linear classifier, support vectors and a random forest."""
     parts, classes = split_folds(recordings, groups, folds, None), len(recordings.class_names)
     labels = recordings.labels
     name = "RBF-SVM on the same features"
@@ -136,7 +131,7 @@ def yardsticks(
     x, parts = raw_features(recordings), [part for part in parts if len(part)]
     name = "linear classifier on whole recordings"
     correct = correct_without(parts, RidgeLearner.on(x, labels, classes), labels)
-    rows.append(_row(name, groups, correct) | {"multiplies": x.shape[1] * classes, "whole": True})
+    rows.append(_row(name, groups, correct, x.shape[1] * classes, whole=True))
     progress(name, 2, 4)
 
     few = recordings.subset(recordings.evenly(JUDGED_ON))
@@ -148,21 +143,28 @@ def yardsticks(
         name = f"{name} on statistics of whole recordings"
         learner = EstimatorLearner(make, x, np.arange(len(x)), few.labels)
         correct = correct_without(parts, learner, few.labels)
-        rows.append(_row(name, groups, correct) | {"whole": True})
+        rows.append(_row(name, groups, correct, whole=True))
         progress(name, 3 + number, 4)
     return rows
 
 
-def _row(name: str, groups: Sequence[str], correct: np.ndarray, multiplies: int = 0) -> Record:
-    return {
-        "name": name,
-        "groups": list(groups),
-        "accuracy": float(correct.mean()),
-        "standard_error": float(correct.std(ddof=1) / np.sqrt(len(correct))),
-        "multiplies": multiplies,
-        "hardware": False,
-        "whole": False,
-    }
+def _row(
+    name: str,
+    groups: Sequence[str],
+    correct: np.ndarray,
+    multiplies: int = 0,
+    hardware: bool = False,
+    whole: bool = False,
+) -> Baseline:
+    return Baseline(
+        name=name,
+        groups=groups,
+        accuracy=correct.mean(),
+        standard_error=correct.std(ddof=1) / np.sqrt(len(correct)),
+        multiplies=multiplies,
+        hardware=hardware,
+        whole=whole,
+    )
 
 
 def neighbours_alike(recordings: Recordings, folds: int) -> tuple[float, float, float]:

@@ -93,6 +93,12 @@ class _Comparison:
             self.sentences.append(f"model_hash: is {there} there and {here} of the model")
 
 
+class Claim(Result):
+    """Of a file that names its model."""
+
+    model_hash: str | None = None
+
+
 def certify(model: IntegerModel, path: Path, contents: Contents) -> Certificate:
     """Compare the model with what ``path`` holds: an exact ONNX file, the header or source of a C export,
     build.json or the config.json of `generate` (with load.hex and memories beside them), or config.json of a model
@@ -192,11 +198,7 @@ def _compare_design(found: _Comparison, model: IntegerModel, path: Path, content
     folder = path.parent
     config = AcceleratorConfig.load(folder / CONFIG_FILE)
     found.configuration(config, model.config)
-    try:
-        claim = json.loads(path.read_text()).get("model_hash")
-    except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"`against` {path}: is damaged ({error}); make it again") from None
-    found.claim(claim, model.model_hash)
+    found.claim(Claim.read(path, "make it again").model_hash, model.model_hash)
     if (folder / INTEGER_FILE).exists():
         found.arrays(IntegerModel.load(folder, images=True).arrays, model.arrays)
         return

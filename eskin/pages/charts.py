@@ -14,9 +14,11 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from eskin.choose.choice_table import network_name
 from eskin.choose.cost import pareto
 from eskin.golden.core import Record
 from eskin.pages.views import count
+from eskin.training.record import CandidateRow
 
 CHOSEN, OTHERS, SCANS = "#0072B2", "#E69F00", "#888888"
 STYLE: dict[Any, Any] = {
@@ -65,40 +67,40 @@ def log_axis(axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float = 1e6) -> None:
-    """Accuracy of ``rows`` against ``factor`` times a cost, with the front of those that none beats in both; the chosen one is named.
+def draw_costs(
+    axes: Axes, rows: Sequence[CandidateRow], costs: Sequence[float], label: str, down: Sequence[float]
+) -> None:
+    """Accuracy of ``rows`` against their costs, with the front of those that none beats in both; the mark of a row that
+    fits is filled, the chosen one has its name.
 
-    rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; down: accuracies to which a line
-    leads down.
+    down: accuracies to which a line leads down from the chosen one.
     """
     # rounded, so that costs that are equal but for their last bits are one
-    shown = [row | {cost: float(f"{factor * row[cost]:.6g}")} for row in rows]
-    line = [(shown[index][cost], shown[index]["accuracy"]) for index in pareto(shown, cost)]
-    axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
-    for row in shown:
-        place, chosen = (row[cost], row["accuracy"]), row["chosen"]
+    places = [(float(f"{cost:.6g}"), row.accuracy) for cost, row in zip(costs, rows, strict=True)]
+    axes.step(*zip(*pareto(places), strict=True), where="post", color="#999999", linewidth=1, zorder=1)
+    for row, place in zip(rows, places, strict=True):
+        chosen = row.chosen
         colour = CHOSEN if chosen else OTHERS
-        if down := row.get("down"):
+        if chosen and down:
             axes.vlines(place[0], min(down), place[1], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
             axes.plot([place[0]] * len(down), down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
         axes.errorbar(
             *place,
-            yerr=row["standard_error"],
+            yerr=row.standard_error,
             fmt="o",
             capsize=2,
             elinewidth=0.8,
             color=colour,
             markersize=9 if chosen else 6,
-            markerfacecolor=colour if row["fits"] else "white",
+            markerfacecolor=colour if row.fits else "white",
             zorder=3 if chosen else 2,
         )
         if chosen:
             style: Record = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "ha": "center"}
-            axes.annotate(f"chosen: {row['name']}", place, (0, 9), zorder=4, **style)
+            axes.annotate(f"chosen: {network_name(row)}", place, (0, 9), zorder=4, **style)
     axes.margins(x=0.15, y=0.15)
-    if means := [row["down"][0] for row in rows if row.get("down")]:
-        # the worst figure may lie below the drawing
-        lowest = min(*means, *(row["accuracy"] for row in rows))
+    if down:  # the worst figure may lie below the drawing
+        lowest = min(down[0], *(row.accuracy for row in rows))
         axes.set_ylim(lowest - 0.05, min(axes.get_ylim()[1], 1.03))
     log_axis(axes)
     axes.set(xlabel=label, ylabel="accuracy, integer, cross-validated")

@@ -33,7 +33,6 @@ from eskin.golden.model import (
     IntegerModel,
     check_model_target,
     load_config,
-    load_training,
     network_formats,
     network_shapes,
     run,
@@ -47,6 +46,7 @@ from eskin.training.losses import Progress, class_loss
 from eskin.training.prototypes import by_last_step, teach_recordings, teach_touches, with_prototypes
 from eskin.training.quantise import IntegerNetwork, profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe, noted_recipe
+from eskin.training.record import Enrolled, SignalRange, Taught, training_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ def load_network(folder: str | Path, data: Dataset) -> FittedNetwork:
         The folder is not a quantised model folder.
     """
     real, integer = FloatModel.load(folder), IntegerModel.load(folder)
-    if load_training(folder).get("quantisation_aware"):
+    if training_of(folder).quantisation_aware:
         formats = network_formats(integer.config)
         weights = {name: formats[name].to_real(integer.arrays[name]) for name in formats}
         real = _of_weights(real, weights)
@@ -197,7 +197,7 @@ def enrol(
     old: Recordings | None = None,
     seed: int = 0,
     progress: Progress = lambda done, total: None,
-) -> Record:
+) -> Enrolled:
     """Continue training the model in ``model_dir`` with ``few`` touches of a new mounting, and write it to
     ``out``; the configuration does not change.
 
@@ -211,10 +211,8 @@ def enrol(
 
     Returns
     -------
-    What training.json keeps in ``enrolments``: data, old_data, seed, touches (class name -> number),
-    setting, before and after (share of the new recordings decided as labelled, which the network has now been
-    trained on), old_before and old_after (of the old ones; None without), wall_s, passed (no fewer of the new recordings right than before,
-    and at most MAX_LOSS of the old ones lost).
+    What training.json keeps in ``enrolments``; ``passed``: no fewer of the new recordings right than before, and at most
+    MAX_LOSS of the old ones lost.
 
     Raises
     ------
@@ -229,7 +227,7 @@ def enrol(
             f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; "
             "give `teach` in place of `data`, or quantise it without `readout` first"
         )
-    record, config = load_training(model_dir), IntegerModel.load(model_dir).config
+    record, config = training_of(model_dir), IntegerModel.load(model_dir).config
     few = for_model(few, config)
     old = None if old is None else for_model(old, config)
     recipe = noted_recipe(record, config)
@@ -255,27 +253,28 @@ def enrol(
     def share(of: FittedNetwork, part: np.ndarray) -> float | None:
         return share_right(of, everything.labels, np.flatnonzero(part))
 
-    result: Record = {
-        "data": str(few.source),
-        "old_data": None if old is None else str(old.source),
-        "seed": seed,
-        "touches": touches,
-        "setting": dataclasses.asdict(SETTINGS[old is not None]),
-        "before": share(network, is_new),
-        "after": share(enrolled, is_new),
-        "old_before": share(network, ~is_new),
-        "old_after": share(enrolled, ~is_new),
-        "wall_s": time.perf_counter() - begin,
-    }
-    harmless = old is None or result["old_after"] >= result["old_before"] - MAX_LOSS
-    result["passed"] = bool(harmless and result["after"] >= result["before"])
-    record["enrolments"] = [*record.get("enrolments", []), result]
+    before, after = share(network, is_new) or 0.0, share(enrolled, is_new) or 0.0
+    old_before, old_after = share(network, ~is_new), share(enrolled, ~is_new)
+    result = Enrolled(
+        data=str(few.source),
+        old_data=None if old is None else str(old.source),
+        seed=seed,
+        touches=touches,
+        setting=dataclasses.asdict(SETTINGS[old is not None]),
+        before=before,
+        after=after,
+        old_before=old_before,
+        old_after=old_after,
+        wall_s=time.perf_counter() - begin,
+        passed=after >= before and (old_after or 0.0) >= (old_before or 0.0) - MAX_LOSS,
+    )
+    record.enrolments = [*record.enrolments, result]
     ranges = profile(enrolled.real, data.touches)
-    for entry in record.get("ranges", []):  # of the old recordings, which may not be at hand
-        if (signal := entry["signal"]) in OF_RECORDINGS and signal in ranges:
+    for entry in record.ranges or ():  # of the old recordings, which may not be at hand
+        if isinstance(entry, SignalRange) and (signal := entry.signal) in OF_RECORDINGS and signal in ranges:
             low, high = ranges[signal]
-            ranges[signal] = (min(low, entry["min"]), max(high, entry["max"]))
-    record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
+            ranges[signal] = (min(low, entry.min), max(high, entry.max))
+    record.ranges, record.quantisation_aware = range_records(config, ranges), False
     enrolled.real.save(out, record, enrolled.integer)
     return result
 
@@ -285,15 +284,13 @@ def share_right(network: FittedNetwork, labels: np.ndarray, rows: Rows) -> float
     return float((network.decide(rows).integer == labels[rows]).mean()) if len(rows) else None
 
 
-def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Record:
+def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Taught:
     """Teach the model in ``model_dir`` the touches of ``few`` and write it to ``out``; config.json and all
     weights stay.
 
     Returns
     -------
-    What training.json keeps in ``taught``: data, touches and in_use (class name -> number), before and after
-    (share of ``few`` decided as labelled, of which the model has now been taught), wall_s, passed (no fewer
-    right than before).
+    What training.json keeps in ``taught``; ``passed``: no fewer of ``few`` right than before.
 
     Raises
     ------
@@ -302,22 +299,23 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     """
     begin = time.perf_counter()
     check_other_folder(model_dir, out)
-    model, record = IntegerModel.load(model_dir), load_training(model_dir)
+    model, record = IntegerModel.load(model_dir), training_of(model_dir)
     check_teachable(model.config)
     few = for_model(few, model.config)
     after, counts = teach_recordings(model, few)
     names = model.config.network.class_names
-    result: Record = {
-        "data": str(few.source),
-        "touches": dict(zip(names, counts.tolist(), strict=True)),
-        "in_use": dict(zip(names, taught_in_use(after).tolist(), strict=True)),
-        "places": model.config.readout_rule.taught,
-        "before": run(model, few).accuracy(few.labels),
-        "after": run(after, few).accuracy(few.labels),
-        "wall_s": time.perf_counter() - begin,
-    }
-    result["passed"] = bool(result["after"] >= result["before"])
-    record["taught"] = [*record.get("taught", []), result]
+    right, right_after = (run(each, few).accuracy(few.labels) for each in (model, after))
+    result = Taught(
+        data=str(few.source),
+        touches=dict(zip(names, counts.tolist(), strict=True)),
+        in_use=dict(zip(names, taught_in_use(after).tolist(), strict=True)),
+        places=model.config.readout_rule.taught,
+        before=right,
+        after=right_after,
+        wall_s=time.perf_counter() - begin,
+        passed=right_after >= right,
+    )
+    record.taught = [*record.taught, result]
     FloatModel.load(model_dir).save(out, record, after)
     return result
 

@@ -17,8 +17,9 @@ from eskin.golden.model import (
     run_images,
 )
 from eskin.golden.model.image_network import image_seconds
+from eskin.training.record import Accuracies, StepAccuracies
 from eskin.training.stage_error import LogitError, StageError, layer_errors, logit_error, stage_errors
-from eskin.training.times import Accuracies, StepAccuracies, decision_times, step_rows, step_times
+from eskin.training.times import decision_times, step_rows, step_times
 
 MAX_LOSS = 0.01
 """Accuracy that the integer model may lose against the float one."""

@@ -6,7 +6,6 @@ train`, `quantise` and `evaluate` with an archive of images.
 """
 
 import dataclasses
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -26,6 +25,7 @@ from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
 from eskin.training.judge import Decided, Rows, folds_of, judge, named
 from eskin.training.level import is_level
+from eskin.training.record import NetworkRow, Split, Training
 from eskin.training.settings import TrainingSettings
 from eskin.training.splits import split_folds
 from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge_fold, train_network
@@ -86,7 +86,7 @@ def train_image_model(
     keep: Memo | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> Record:
+) -> Training:
     """Cross-validate (and choose the network if none was requested), fit it to all images, and write the
     model folder.
 
@@ -126,8 +126,8 @@ def train_image_model(
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
     images = images_of(recordings)
-    rows: list[Record] = []
-    records: list[Record] = []
+    rows: list[NetworkRow] = []
+    records: list[Split] = []
     if folds:
         jobs, groups = Jobs(workers=workers, progress=progress), list(wanted.groups or [])
         everything = np.arange(len(recordings))
@@ -148,31 +148,30 @@ def train_image_model(
         ]
         correct = [of_network.correct.to_numpy() for of_network in decisions]
         rows = _candidate_rows(candidates, records, correct, seeds)
-    chosen = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
+    chosen = next((index for index, row in enumerate(rows) if row.chosen), 0)
     config = candidates[chosen]
     with one_thread():
         report = named(progress, "training on all images, epochs")
         model = train_network(config, images, recordings.labels, recipe=recipe, seed=seed, progress=report)
     named(progress, "measuring ranges on all images")(0, 0)
-    record: Record = {
-        "seed": seed,
-        "recipe": dataclasses.asdict(recipe),
-        "config": config.to_dict(),
-        "data": str(recordings.source),
-        "recordings": len(recordings),
-        "parameters": config.parameter_count,
-        "multiplies": config.multiplies,
-        "ranges": profile_images(model, images),
-        "cross_validation": [records[chosen]] if records else [],
-        "baselines": [],
-        "doubts": [],
-        "warnings": [],
-        "reasons": list(recordings.notes),
-        "wall_s": time.perf_counter() - begin,
-    }
+    record = Training(
+        seed=seed,
+        recipe=asdict(recipe),
+        config=config.to_dict(),
+        data=str(recordings.source),
+        recordings=len(recordings),
+        parameters=config.parameter_count,
+        multiplies=config.multiplies,
+        ranges=profile_images(model, images),
+        cross_validation=records[chosen : chosen + 1],
+        baselines=[],
+        doubts=[],
+        warnings=[],
+        reasons=list(recordings.notes),
+        wall_s=time.perf_counter() - begin,
+    )
     if len(candidates) > 1:
-        record["candidates"] = rows
-    record = json.loads(json.dumps(record))
+        record.candidates = [*rows]
     model.save(wanted.out, record)
     return record
 
@@ -229,10 +228,10 @@ class ImageLearner:
 
 def _candidate_rows(
     candidates: Sequence[AcceleratorConfig],
-    records: Sequence[Record],
+    records: Sequence[Split],
     correct: Sequence[np.ndarray],
     seeds: int,
-) -> list[Record]:
+) -> list[NetworkRow]:
     """Rows of each network for training.json; of networks tied with the best that with the fewest multiplies
     is chosen.
 
@@ -243,19 +242,19 @@ def _candidate_rows(
     enough = [index for index, shares in enumerate(correct) if is_level(best, shares)]
     cheapest = min(enough, key=lambda index: candidates[index].multiplies)
     return [
-        {
-            "cell": config.name,
-            "hidden": 0,
-            "recipe": "images",
-            "accuracy": accuracies[index],
-            "standard_error": float(correct[index].std(ddof=1) / np.sqrt(len(correct[index]))),
-            "float_accuracy": record["float_accuracy"],
-            "agreement": record["agreement"],
-            "multiplies_touch": config.multiplies,
-            "multiplies_step": config.multiplies,
-            "parameters": config.parameter_count,
-            "seeds": seeds,
-            "chosen": index == cheapest,
-        }
+        NetworkRow(
+            cell=config.name,
+            hidden=0,
+            recipe="images",
+            accuracy=accuracies[index],
+            standard_error=correct[index].std(ddof=1) / np.sqrt(len(correct[index])),
+            float_accuracy=record.float_accuracy,
+            agreement=record.agreement,
+            multiplies_touch=config.multiplies,
+            multiplies_step=config.multiplies,
+            parameters=config.parameter_count,
+            seeds=seeds,
+            chosen=index == cheapest,
+        )
         for index, (config, record) in enumerate(zip(candidates, records, strict=True))
     ]

@@ -36,29 +36,21 @@ from eskin.training.quantise import (
     signals,
 )
 from eskin.training.recipe import noted_recipe
+from eskin.training.record import Quantised, Training
 from eskin.training.trained import Trained, load_trained
 
 
-def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> dict[str, Range]:
+def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Training) -> dict[str, Range]:
     """The ranges that the training record notes."""
     fix = "give the recordings it was trained on (`data`)"
-    entries = record.get("ranges", [])
-    if not entries:
+    if not record.ranges or isinstance(record.ranges, dict):
         raise InputError(f"model '{model_dir}': has no ranges from its training; {fix}")
-    try:
-        ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
-        needed = [
-            signal
-            for signal in signals(config)
-            if signal in ranges or signal not in (LAST_LOGIT, LAST_MARGIN)
-        ]
-        endless = [signal for signal in needed if not all(map(math.isfinite, ranges[signal]))]
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}"
-        ) from None
-    if endless:
-        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {endless[0]} is not finite; {fix}")
+    ranges = {entry.signal: (entry.min, entry.max) for entry in record.ranges}
+    for signal in signals(config):
+        least = ranges.get(signal, (0.0,) if signal in (LAST_LOGIT, LAST_MARGIN) else (math.nan,))
+        if not all(map(math.isfinite, least)):
+            why = "is not finite" if signal in ranges else "is missing"
+            raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {signal} {why}; {fix}")
     return ranges
 
 
@@ -126,24 +118,21 @@ def quantise(
         integer = prototypes_from_recordings(
             integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
         )
-    record |= {
-        "quantisation_aware": bool(aware),
-        "widths": widths,
-        "ranges": range_records(integer.config, ranges),
-        "quantised": {"config": integer.config.to_dict()},
-    }
+    record.quantisation_aware, record.widths = bool(aware), widths
+    record.ranges = range_records(integer.config, ranges)
+    record.quantised = Quantised(config=integer.config.to_dict())
     model.save(model_dir, record, integer, trained.check_unchanged)
     return integer
 
 
 def _trained_on(
-    model: FloatModel, record: Record, recordings: Recordings, progress: Progress, widths: Record
+    model: FloatModel, record: Training, recordings: Recordings, progress: Progress, widths: Record
 ) -> tuple[IntegerModel, dict[str, Range]]:
     """The integers of the network after further training, and its ranges before that."""
     check_widths(model.config, **widths)
     check_fit(recordings, model.config)
     recipe = noted_recipe(record, model.config)
-    data, seed = find_dataset(recordings, model.config, recipe), int(record.get("seed", 0))
+    data, seed = find_dataset(recordings, model.config, recipe), record.seed
     rows = touch_rows(data, np.arange(len(recordings)))
     (integer,) = fine_tune(data, recipe, [rows], [model], seed, widths, progress)
     return integer, profile(model, data.touches)
@@ -217,27 +206,21 @@ def _quantise_images(
         model = equalised(model, images, bits)
         ranges = profile_images(model, images)
     integer = integers_of(model, choose_image_formats(model, ranges, bits))
-    record |= {
-        "quantisation_aware": False,
-        "widths": {"weight_bits": bits},
-        "ranges": ranges,
-        "quantised": {"config": integer.config.to_dict()},
-    }
+    record.quantisation_aware, record.widths, record.ranges = False, {"weight_bits": bits}, ranges
+    record.quantised = Quantised(config=integer.config.to_dict())
     # the float network too: it is the same function at other scales, with which the integers are compared
     # layer by layer
     model.save(model_dir, record, integer, trained.check_unchanged)
     return integer
 
 
-def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> dict[str, float]:
+def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Training) -> dict[str, float]:
     """The ranges that the training record notes."""
-    ranges = record.get("ranges")
-    names = {str(stage.number) for stage in config.weighted_stages}
-    try:
-        noted = {name: float(ranges[name]) for name in names}  # type: ignore[index]
-    except (TypeError, KeyError, ValueError):
-        noted = {}
-    if not noted or not all(np.isfinite(value) and value >= 0 for value in noted.values()):
+    ranges = record.ranges if isinstance(record.ranges, dict) else {}
+    noted = {
+        name: ranges.get(name, math.nan) for name in {str(stage.number) for stage in config.weighted_stages}
+    }
+    if not all(math.isfinite(value) and value >= 0 for value in noted.values()):
         raise InputError(
             f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was "
             "trained on (`data`)"

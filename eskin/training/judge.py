@@ -23,6 +23,7 @@ from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fit_networks, post_training
 from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.record import FoldShares, Split
 from eskin.training.splits import held_out, over_groups, split_folds
 from eskin.training.times import step_rows, step_times
 
@@ -232,51 +233,49 @@ class Decisions:
         """SHARES by columns of the table."""
         return self.table.groupby(by)[[*SHARES]].mean()
 
-    def shares(self) -> dict[str, float]:
+    def shares(self) -> Record:
         """SHARES over all rows."""
-        return {name: float(self.table[name].mean()) for name in SHARES}
+        return self.table[[*SHARES]].mean().to_dict()
 
-    def per_fold(self, recordings: Recordings, groups: Sequence[str]) -> list[Record]:
-        """For each fold: held_out (its groups in words), recordings, SHARES as means over seeds, and by_seed."""
-        records = []
+    def per_fold(self, recordings: Recordings, groups: Sequence[str]) -> list[FoldShares]:
+        """A row for each fold."""
         tests = {fold.number: fold.test for fold, _ in reversed(self.fitted)}
-        for number, shares in self.accuracy(["fold", "seed"]).groupby("fold"):
-            test = tests[int(number)]
-            records.append(
-                {
-                    "held_out": held_out(recordings, groups, test),
-                    "recordings": len(test),
-                    "by_seed": {name: shares[name].tolist() for name in SHARES},
-                    **{name: float(shares[name].mean()) for name in SHARES},
-                }
+        return [
+            FoldShares(
+                held_out=held_out(recordings, groups, tests[number]),
+                recordings=len(tests[number]),
+                **shares.mean(),
             )
-        return records
+            for number, shares in self.accuracy(["fold", "seed"]).groupby("fold")
+        ]
 
     def record(
         self, recordings: Recordings, groups: Sequence[str], times: Sequence[float] | np.ndarray
-    ) -> Record:
-        """The figures of one split, as `cross_validate` returns them. times: seconds of each step."""
+    ) -> Split:
+        """The figures of one split. times: seconds of each step."""
         table, classes = self.table, len(recordings.class_names)
         confusion = np.zeros((classes, classes + 1), dtype=np.int64)
         np.add.at(confusion, (table["label"], table["integer"]), 1)  # -1, no decision, is the last column
         steps = (self.local == table["label"].to_numpy()[:, None]).mean(axis=1)
         decided = table["step"][table["step"] >= 0]
         by_seed = self.accuracy(["seed"])["integer_accuracy"]
-        per_fold = self.per_fold(recordings, groups)
+        per_fold, by_fold = self.per_fold(recordings, groups), self.accuracy(["fold", "seed"])
+        for row, (_, shares) in zip(per_fold, by_fold.groupby("fold"), strict=True):
+            row.by_seed = shares.to_dict("list")
         tests = [fold.test for fold, _ in self.fitted if fold.seed == self.seeds[0]]
-        return {
-            "groups": list(groups),
-            "folds": len(per_fold),
-            "seeds": self.seeds,
+        return Split(
+            groups=groups,
+            folds=len(per_fold),
+            seeds=self.seeds,
             **self.shares(),
-            "integer_spread": float(self.accuracy(["fold", "seed"])["integer_accuracy"].std(ddof=0)),
+            integer_spread=by_fold["integer_accuracy"].std(ddof=0),
             **over_groups(recordings, groups, tests, self.correct.to_numpy()),
-            "integer_by_seed": by_seed[self.seeds].tolist(),
-            "per_step": [row.plain() for row in step_rows(zip(times, *steps, strict=True))],
-            "per_fold": per_fold,
-            "decision_time_s": float(np.asarray(times)[decided].mean()) if len(decided) else None,
-            "confusion": confusion.tolist(),
-        }
+            integer_by_seed=by_seed[self.seeds].tolist(),
+            per_step=step_rows(zip(times, *steps, strict=True)),
+            per_fold=per_fold,
+            decision_time_s=np.asarray(times)[decided].mean() if len(decided) else None,
+            confusion=confusion.tolist(),
+        )
 
 
 # ---------------------------------------------------------------------- judging
@@ -291,11 +290,11 @@ def judge(
     InputError
         As the learner.
     """
-    numbers: dict[tuple[int, bytes], int] = {}
-    places = [numbers.setdefault((fold.seed, fold.part.tobytes()), len(numbers)) for fold in folds]
-    unique = [folds[places.index(number)] for number in range(len(numbers))]
-    deciders = learner.fit([fold.part for fold in unique], [fold.seed for fold in unique], progress)
-    return Decisions.of([(fold, deciders[place]) for fold, place in zip(folds, places, strict=True)], labels)
+    keys = [(fold.seed, fold.part.tobytes()) for fold in folds]
+    unique = dict(zip(keys, folds, strict=True))
+    parts, seeds = zip(*((fold.part, fold.seed) for fold in unique.values()), strict=True)
+    deciders = dict(zip(unique, learner.fit(parts, seeds, progress), strict=True))
+    return Decisions.of([(fold, deciders[key]) for fold, key in zip(folds, keys, strict=True)], labels)
 
 
 def cross_validate(
@@ -308,7 +307,7 @@ def cross_validate(
     recipe: Recipe | None = None,
     datasets: Datasets | None = None,
     progress: Progress | None = None,
-) -> list[Record]:
+) -> list[Split]:
     """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and
     seeds train at once.
 
@@ -326,12 +325,7 @@ def cross_validate(
 
     Returns
     -------
-    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, integer_spread
-    (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step (step, time_s since
-    the onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean,
-    integer; None: no decision), standard_error and range (``over_groups``, integer), per_fold (held_out, recordings,
-    float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows = true
-    class, columns = decided, last column = none).
+    A record for each split.
     """
     if not splits:
         return []

@@ -14,6 +14,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
 from eskin.golden.model.pipeline import decide
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
+from eskin.training.record import Training
 
 PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
 """Default numbers: most prototypes per class, slots for taught touches per class, bits of a value."""
@@ -32,7 +33,7 @@ def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
     return rows[touches.completed[rows] == config.windows.steps]
 
 
-def training_groups(recordings: Recordings, record: Record, groups: Sequence[str] | None) -> list[str]:
+def training_groups(recordings: Recordings, record: Training, groups: Sequence[str] | None) -> Sequence[str]:
     """The group arrays whose values are left out: as requested; otherwise of the training's first
     split that has any; otherwise the first group array.
 
@@ -41,7 +42,7 @@ def training_groups(recordings: Recordings, record: Record, groups: Sequence[str
     InputError
         A requested group array is missing.
     """
-    splits = [split["groups"] for split in record.get("cross_validation", [])]
+    splits = [split.groups for split in record.cross_validation]
     validated = [split for split in splits if split and recordings.groups.keys() >= set(split)]
     chosen = [list(groups)] if groups is not None else [*validated, list(recordings.groups)[:1]]
     for name in chosen[0]:

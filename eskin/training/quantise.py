@@ -25,6 +25,7 @@ from eskin.golden.model import (
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.training.formats import normaliser_constants
+from eskin.training.record import SignalRange
 from eskin.training.trees import forest_codes
 
 Range = tuple[float, float]
@@ -581,13 +582,13 @@ def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Re
     return math.floor(math.log2(config.scale_format.max_code * float((units * spread).min()))) - gate_frac
 
 
-def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
-    """Ranges for training.json and the report: {signal, min, max, format} each, real values."""
+def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[SignalRange]:
+    """Ranges for training.json and the report."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
     noted = {signal: getattr(config.formats, f"{name}_format", None) for signal, name in SIGNALS.items()}
     noted |= {"sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh}
     return [
-        {"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(noted[s])}
+        SignalRange(signal=s, min=ranges[s][0], max=ranges[s][1], format=str(noted[s]))
         for s in signals(config)
         if s in ranges
     ]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from eskin.golden.core import AcceleratorConfig, Record
+from eskin.training.record import Training
 
 WEIGHT_LIMIT = 1.98
 """Below 2 - 2**-6, the largest SQ(2,6) weight."""
@@ -143,10 +144,10 @@ def choose_recipe(config: AcceleratorConfig, robust: bool = False) -> Recipe:
     return recipe
 
 
-def noted_recipe(record: Record, config: AcceleratorConfig) -> Recipe:
+def noted_recipe(record: Training, config: AcceleratorConfig) -> Recipe:
     """The recipe of a training record, or the recipe of the configuration if the record has no recipe of this
     version."""
     try:
-        return Recipe(**record["recipe"])
-    except (KeyError, TypeError):
+        return Recipe(**record.recipe)
+    except TypeError:
         return choose_recipe(config)

@@ -4,8 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Result
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import Touches, Trace
+from eskin.training.record import StepAccuracies
 
 
 def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
@@ -22,20 +23,6 @@ def decision_times(trace: Trace) -> np.ndarray:
     since = ends - touches.onset_frame
     seconds = np.where(step >= 0, since / trace.config.sensor.scan_rate_hz, np.nan)
     return np.append(seconds, np.nan)[first]  # -1, no touch, is the last
-
-
-class Accuracies(Result):
-    """Shares of recordings that the two models classify correctly."""
-
-    float_accuracy: float
-    integer_accuracy: float
-
-
-class StepAccuracies(Accuracies):
-    """Of the local decision of a step, ``time_s`` from the onset to the end of its window (median over touches)."""
-
-    step: int
-    time_s: float
 
 
 def step_rows(steps: Iterable[tuple[float, float, float]]) -> list[StepAccuracies]:

@@ -1,7 +1,6 @@
 """Training: a network fitted on all recordings, and the model folder."""
 
 import dataclasses
-import json
 import time
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 import torch
 
 from eskin.data.fit import check_fit
-from eskin.golden.core import AcceleratorConfig, Progress, Record
+from eskin.golden.core import AcceleratorConfig, Progress
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, decide_touches
 from eskin.training.datasets import Datasets, touch_rows
@@ -18,6 +17,7 @@ from eskin.training.judge import named
 from eskin.training.losses import Callback, EpochReporter
 from eskin.training.quantise import profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.record import Training
 
 
 def train(
@@ -28,10 +28,10 @@ def train(
     recipe: Recipe | None = None,
     seed: int = 0,
     datasets: Datasets | None = None,
-    notes: Record | None = None,
+    notes: Training | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,
-) -> Record:
+) -> Training:
     """Fit a network on ALL recordings, and write the model folder (config.json, float.npz, training.json).
 
     Parameters
@@ -43,7 +43,7 @@ def train(
     datasets:
         Touches that were found before.
     notes:
-        Further fields of the record.
+        Further fields of the record, with the time that they took.
     callback:
         Called while the network is trained: with {``loss``} at each epoch of a recurrent cell, and at the end, as
         one epoch more, with {``accuracy``}, the share of the training touches that the float network classifies
@@ -51,8 +51,7 @@ def train(
 
     Returns
     -------
-    The training record, as written to training.json: seed, recipe, config, data, recordings, touched,
-    parameters, ranges, versions, wall_s, cross_validation (empty) and ``notes``.
+    The training record, as written to training.json.
 
     Raises
     ------
@@ -71,22 +70,14 @@ def train(
     if reporter:
         decided = decide_touches(model, data.touches.take(rows)).decision
         reporter.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
-    record = {
-        "seed": seed,
-        "recipe": dataclasses.asdict(recipe),
-        "config": model.config.to_dict(),
-        "data": str(recordings.source),
-        "unit": recordings.unit,
-        "channel_names": list(recordings.channel_names),
-        "recordings": len(recordings),
-        "touched": len(data.touches),
-        "parameters": model.config.parameter_count,
-        "ranges": range_records(model.config, profile(model, data.touches)),
-        "cross_validation": [],
-        "versions": {"torch": torch.__version__, "numpy": np.__version__},
-        "wall_s": time.perf_counter() - begin,
-        **(notes or {}),
-    }
-    record = json.loads(json.dumps(record))  # as the file will hold it: lists, not tuples
+    record = notes or Training(cross_validation=[])
+    record.seed, record.recipe, record.config = seed, dataclasses.asdict(recipe), model.config.to_dict()
+    record.data, record.unit = str(recordings.source), recordings.unit
+    record.channel_names = list(recordings.channel_names)
+    record.recordings, record.touched = len(recordings), len(data.touches)
+    record.parameters = model.config.parameter_count
+    record.ranges = range_records(model.config, profile(model, data.touches))
+    record.versions = {"torch": torch.__version__, "numpy": np.__version__}
+    record.wall_s += time.perf_counter() - begin
     model.save(out, record)
     return record

@@ -7,7 +7,6 @@ and biases at the end, so hardware computes the stored network.
 """
 
 import math
-import time
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -191,15 +190,13 @@ CODE = partial(code_version, "golden", "training")
 
 def judge_fold(shared: tuple[np.ndarray, np.ndarray], fold: ImageFold) -> Record:
     """Decisions on the images left out: ``float`` and ``integer`` (8-bit weights), each a list of classes in the
-    order of ``left_out``; ``wall_s``. shared: images and labels."""
+    order of ``left_out``. shared: images and labels."""
     from eskin.training.fit import one_thread
 
-    begin = time.perf_counter()
     (images, labels), out = shared, np.array(fold.left_out)
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():
         model = train_network(fold.config, images[train], labels[train], recipe=fold.recipe, seed=fold.seed)
         real = float_images(model, images[out], maps=False)
         integer = run_images(quantised(model, images[train]), images[out], maps=False)
-    decided = {"float": real.decision.tolist(), "integer": integer.decision.tolist()}
-    return decided | {"wall_s": round(time.perf_counter() - begin, 1)}
+    return {"float": real.decision.tolist(), "integer": integer.decision.tolist()}

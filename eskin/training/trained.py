@@ -2,13 +2,16 @@
 cannot keep are refused. No torch."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, Record, read_arrays
+from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
 from eskin.golden.core.groups import GROUP_OF, Formats
-from eskin.golden.model import FloatModel, constants_shape, load_config, load_training, network_shapes
+from eskin.golden.model import FloatModel, constants_shape, load_config, network_shapes
 from eskin.golden.model.model import INTEGER_FILE, TRAINING_FILE
+from eskin.training.record import Training, training_of
 
 CHOSEN = (
     *(field.name for field in dataclasses.fields(Formats)),
@@ -36,7 +39,7 @@ class Trained:
     folder: str
     model: FloatModel
     current: AcceleratorConfig
-    record: Record
+    record: Training
     files: dict[str, bytes]
 
     def check_unchanged(self) -> None:
@@ -58,16 +61,17 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
         The folder is not a model folder, its config.json does not fit its network, or the model holds taught
         touches.
     """
-    files, current, record = _contents(model_dir), load_config(model_dir), load_training(model_dir)
+    files, current = _contents(model_dir), load_config(model_dir)
+    record = training_of(model_dir)
 
-    def noted(values: Record, name: str, otherwise: AcceleratorConfig) -> AcceleratorConfig:
-        where = f"{model_dir}/{TRAINING_FILE}, field {name}"
-        return AcceleratorConfig.from_dict(values[name], where) if name in values else otherwise
+    def noted(values: Mapping[str, Any], otherwise: AcceleratorConfig) -> AcceleratorConfig:
+        where = f"{model_dir}/{TRAINING_FILE}, field config"
+        return AcceleratorConfig.from_dict(dict(values), where) if values else otherwise
 
-    trained, quantised = noted(record, "config", current), record.get("quantised")
+    trained, quantised = noted(record.config, current), record.quantised
     # a folder of an earlier version has no record of its quantisation
     before = current if INTEGER_FILE in files else trained
-    written = noted(quantised, "config", before) if isinstance(quantised, dict) else before
+    written = noted(quantised.config, before) if quantised else before
     one, other = (network_shapes(c, real=True) | {"mu": constants_shape(c)} for c in (current, trained))
     of_ranges = [name for name, group in GROUP_OF.items() if group in OF_RANGES and name not in CHOSEN]
     for fields, before, why in (

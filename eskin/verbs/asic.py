@@ -27,7 +27,7 @@ from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
-    Record,
+    Result,
     check_folder,
     content_key,
     replacing,
@@ -82,9 +82,9 @@ def command(request: AsicRequest) -> None:
         shutil.copyfile(netlist.verilog, folder / "netlist.v")
         sdc = timing.SDC.format(clock_hz=clock_hz, period_ns=period, outside=period / 4)
         (folder / f"{TOP}.sdc").write_text(sdc)
-        (folder / PAGE).write_text(words("asic", **result))
+        (folder / PAGE).write_text(words("asic", **dict(result)))
         write_json(folder / MARK, result)
-    show("asic", **result)
+    show("asic", **dict(result))
     say(f"{request.out}: {MARK}, {PAGE}, netlist.v, accelerator.sdc")
 
 
@@ -100,6 +100,72 @@ CANNOT = (
     "clock within 30 %, "
     "energy within a factor of 2."
 )
+
+
+class Macro(Result):
+    """How a memory of the design is made."""
+
+    name: str
+    words: int
+    width: int
+    bits: int
+    kind: str
+
+
+class SlowestPath(Result):
+    """First and last cell of the slowest path; macros_derated: so many times slower than in their file."""
+
+    start: str
+    end: str
+    macros_derated: float | None
+
+
+class ChipEnergy(Result):
+    """Energies, joule, each within the factor ``band``. step_j: that a step adds to its frames. interval_j: of a hop,
+    interval_frames. waiting_cycle_j: a cycle without an edge. touch_j: of its frames and steps. idle_w, average_w: while nobody
+    touches, and at a touch a second, at clock_hz. Then the decisions, compared with the golden model. Without
+    recordings the first three are None, and all after method is absent."""
+
+    step_j: float | None
+    interval_j: float | None
+    touch_j: float | None
+    leakage_w: float
+    band: float
+    waiting_cycle_j: float
+    method: str
+    idle_w: float = 0.0
+    average_w: float = 0.0
+    interval_frames: int = 0
+    clock_hz: float = 0.0
+    bit_exact: bool = False
+    mismatches: int = 0
+    compared_values: int = 0
+
+
+class Chip(Result):
+    """asic.json. rom: constants in ROMs; one_phase: rows in one phase. kge: thousand NAND gates. fmax_hz, paths: by
+    corner, None without a file of its cells. tiles: of Tiny Tapeout, filled to ``utilisation``."""
+
+    pdk: str
+    corner: str
+    lanes: int
+    rom: bool
+    one_phase: bool
+    area_um2: float
+    area_by_kind_um2: Mapping[str, float]
+    kge: float
+    flip_flops: int
+    latches: int
+    clock_gates: int
+    memories: Sequence[Macro]
+    fmax_hz: Mapping[str, float | None]
+    timing_by: str
+    wire_load: str | None
+    paths: Mapping[str, SlowestPath]
+    energy: ChipEnergy
+    tiles: float
+    utilisation: float
+    cannot_be_claimed: str
 
 
 def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> AcceleratorConfig:
@@ -153,7 +219,7 @@ def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
 
 def asic(
     model: IntegerModel, pdk: str, paths: Sequence[Path], *, recordings: Recordings | None = None
-) -> tuple[Record, Netlist]:
+) -> tuple[Chip, Netlist]:
     """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
 
     With ``recordings`` one of them is played into the netlist and its energy counted.
@@ -177,45 +243,46 @@ def asic(
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     slowest = _slowest(netlist, libraries, load) if timing.has_sta() else dict.fromkeys(("typ", "slow"))
     leakage = sum(cell.leakage * number for cell, number in counted)
-    energy: Record = {
-        **dict.fromkeys(("step_j", "interval_j", "touch_j")),
-        "leakage_w": leakage,
-        "band": BAND,
-        "waiting_cycle_j": costs(nets, process.library.voltage, wire).root_j,
-        "method": f"{METHOD}; what needs recordings is null without --data",
-    }
-    if recordings is not None:
-        energy |= measured(model, nets, process.library.voltage, wire, leakage, recordings)
-    result = {
-        "pdk": pdk,
-        "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
-        "lanes": config.hardware.lanes,
-        "rom": not config.hardware.loadable,
-        "one_phase": config.hardware.one_phase,
-        "area_um2": total,
-        "area_by_kind_um2": area_of,
-        "kge": total / process.nand.area / 1e3,
-        "flip_flops": number_of["flip-flop"],
-        "latches": number_of["latch"],
-        "clock_gates": number_of["gate"],
-        "memories": [{key: row[key] for key in row if key != "cell"} for row in netlist.memories],
-        "fmax_hz": {corner: path and path.fmax_hz for corner, path in slowest.items()},
-        "timing_by": timing.BY_STA if timing.has_sta() else timing.NOT_TOLD,
-        "wire_load": (load or None) if timing.has_sta() else None,
-        "paths": {
-            corner: {
-                "start": path.start,
-                "end": path.end,
-                "macros_derated": timing.MACRO_DERATING if path.derated else None,
-            }
+    if recordings is None:
+        energy = ChipEnergy(
+            step_j=None,
+            interval_j=None,
+            touch_j=None,
+            leakage_w=leakage,
+            band=BAND,
+            waiting_cycle_j=costs(nets, process.library.voltage, wire).root_j,
+            method=f"{METHOD}; what needs recordings is null without --data",
+        )
+    else:
+        energy = measured(model, nets, process.library.voltage, wire, leakage, recordings)
+    result = Chip(
+        pdk=pdk,
+        corner=f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
+        lanes=config.hardware.lanes,
+        rom=not config.hardware.loadable,
+        one_phase=config.hardware.one_phase,
+        area_um2=total,
+        area_by_kind_um2=area_of,
+        kge=total / process.nand.area / 1e3,
+        flip_flops=number_of["flip-flop"],
+        latches=number_of["latch"],
+        clock_gates=number_of["gate"],
+        memories=[Macro.model_validate(row) for row in netlist.memories],
+        fmax_hz={corner: path.fmax_hz if path else None for corner, path in slowest.items()},
+        timing_by=timing.BY_STA if timing.has_sta() else timing.NOT_TOLD,
+        wire_load=(load or None) if timing.has_sta() else None,
+        paths={
+            corner: SlowestPath(
+                start=path.start, end=path.end, macros_derated=timing.MACRO_DERATING if path.derated else None
+            )
             for corner, path in slowest.items()
             if path
         },
-        "energy": energy,
-        "tiles": total / (UTILISATION * math.prod(TILE_UM)),
-        "utilisation": UTILISATION,
-        "cannot_be_claimed": CANNOT,
-    }
+        energy=energy,
+        tiles=total / (UTILISATION * math.prod(TILE_UM)),
+        utilisation=UTILISATION,
+        cannot_be_claimed=CANNOT,
+    )
     return result, netlist
 
 
@@ -321,8 +388,8 @@ def counting(nets: Nets, cost: Costs) -> str:
 
 def measured(
     model: IntegerModel, nets: Nets, voltage: float, wire: WireLoad, leakage_w: float, recordings: Recordings
-) -> Record:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch.
+) -> ChipEnergy:
+    """The energies of one recording with a whole touch.
 
     Parameters
     ----------
@@ -356,11 +423,10 @@ def measured(
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), decision_cycles(config) / limits(config)["decision"])
     spent = joule * ZEPTO + cost.root_j * edges
-    return summary(config, decided, edges, spent, onset, cost.root_j, leakage_w, clock) | {
-        "bit_exact": not differing and bool(decisions),
-        "mismatches": differing,
-        "compared_values": len(expected),
-    }
+    energy = summary(config, decided, edges, spent, onset, cost.root_j, leakage_w, clock)
+    energy.bit_exact, energy.mismatches = not differing and bool(decisions), differing
+    energy.compared_values = len(expected)
+    return energy
 
 
 def summary(
@@ -372,7 +438,7 @@ def summary(
     root_j: float,
     leakage_w: float,
     clock_hz: float,
-) -> Record:
+) -> ChipEnergy:
     """Energies from what each frame costs.
 
     Parameters
@@ -402,14 +468,16 @@ def summary(
 
     step = float((frame[of_steps].sum() - of_steps.sum() * frame[plain].mean()) / steps)
     idle_w = leakage_w + rate * whole(quiet)
-    average_w = idle_w + TOUCHES_PER_S * steps * step
-    energies = {
-        "step_j": step,
-        "interval_j": hop * whole(plain) + step + leakage_w * hop / rate,
-        "waiting_cycle_j": root_j,
-        "leakage_w": leakage_w,
-        "touch_j": frames * whole(plain) + steps * step + leakage_w * frames / rate,
-        "idle_w": idle_w,
-        "average_w": average_w,
-    }
-    return energies | {"band": BAND, "interval_frames": hop, "clock_hz": clock_hz, "method": METHOD}
+    return ChipEnergy(
+        step_j=step,
+        interval_j=hop * whole(plain) + step + leakage_w * hop / rate,
+        touch_j=frames * whole(plain) + steps * step + leakage_w * frames / rate,
+        leakage_w=leakage_w,
+        band=BAND,
+        waiting_cycle_j=root_j,
+        method=METHOD,
+        idle_w=idle_w,
+        average_w=idle_w + TOUCHES_PER_S * steps * step,
+        interval_frames=hop,
+        clock_hz=clock_hz,
+    )

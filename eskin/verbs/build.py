@@ -8,11 +8,9 @@ The accelerator goes through Yosys and nextpnr; of several seeds the best is tak
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +35,7 @@ from eskin.golden.core import (
     InputError,
     Progress,
     Record,
+    Result,
     check_folder,
     content_key,
     model_hash,
@@ -45,7 +44,6 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.core.converters import sample_clock
-from eskin.golden.model import load_training
 from eskin.memo import Memo, code_version
 from eskin.rtl.common import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -69,7 +67,17 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top import standby
 from eskin.rtl.top.system import BAUD, refuse_standalone
-from eskin.study.energy import PARTS, Turn, bitstream_power, estimate, in_words, scheduled_activity
+from eskin.study.energy import (
+    PARTS,
+    Estimate,
+    Power,
+    Turn,
+    bitstream_power,
+    estimate,
+    in_words,
+    scheduled_activity,
+)
+from eskin.training.record import training_of
 
 
 class BoardRequest(ModelOptions):
@@ -125,12 +133,12 @@ def command(request: BoardRequest) -> None:
     except BuildError as error:
         stop(str(error), 1)
     with replacing_folder(folder) as new:
-        shutil.copyfile(bitstream, new / result["bitstream"])
+        shutil.copyfile(bitstream, new / result.bitstream)
         shutil.copyfile(netlist, new / "netlist.v")
         write_contents(new, contents(placed, integer.arrays))
         write_json(new / MARK, result)
-    show("build", **result, block_rows=block_rows(result), in_words=in_words, folder=folder)
-    if not result["clock_met"]:
+    show("build", **dict(result), block_rows=block_rows(result), in_words=in_words, folder=folder)
+    if not result.clock_met:
         stop(clock_sentence(result), 1)
 
 
@@ -146,13 +154,12 @@ def refuse_rate_not_held(folder: Path) -> None:
     InputError
         Training has judged the mode, at a smaller error, and its figure is below the bound.
     """
-    (first, *_) = load_training(folder).get("cross_validation") or [{}]
-    disturbed = (first.get("nested") or {}).get("disturbed") or {}
-    for row in disturbed.get("stress", []):
-        if row["mode"] == RATE_MODE and not row["held"]:
+    splits = training_of(folder).cross_validation[:1]
+    for row in [row for split in splits if split.nested for row in split.nested.disturbed.stress]:
+        if row.mode == RATE_MODE and not row.held:
             raise InputError(
                 f"`standalone`: the part's own oscillator is off by up to {100 * standby.TOLERANCE:g} %, and '{folder}' does "
-                f"not hold a {RATE_MODE} ({100 * row['figure']:.1f} % where {100 * row['bound']:.1f} % are asked, on unseen "
+                f"not hold a {RATE_MODE} ({100 * row.figure:.1f} % where {100 * row.bound:.1f} % are asked, on unseen "
                 f"recordings); train with --stress FILE, in which {RATE_MODE} weighs more, or use a board with a clock"
             )
 
@@ -176,6 +183,103 @@ SEEDS_WORTH_TRYING = 5
 FAILURES_MAX = 10
 """Failed seeds after which a build gives up: without a route, or with paths that are too short. On a Gowin
 part two of three seeds fail."""
+
+
+class OnBoard(Result):
+    """What a host has to know of a board. link: a host talks to it, at ``baud`` bits a second."""
+
+    link: bool
+    lanes: int
+    lane_type: str | None
+    baud: float = 0.0
+
+
+class TooMany(Result):
+    """Lanes that do not fit, and resources that they lack."""
+
+    lanes: int
+    needs: str
+
+
+class Used(Result):
+    """Of a resource of the part."""
+
+    used: int
+    available: int
+
+
+class Counts(Result):
+    """Cycles of the schedule."""
+
+    step: int
+    step_ideal: int
+    decision: int
+
+
+class PlannedBudget(Result):
+    """A budget by the cycles that the schedule plans; co-simulation measures them, with the few of the front end."""
+
+    name: str
+    limit_s: float
+    cycles: int
+    needed_clock_hz: float
+    met: bool
+
+
+class Asleep(Result):
+    """A part whose fast oscillator runs for each scan: seconds of its start, share by which its rate is off, jitter of
+    scans."""
+
+    start_s: float
+    rate_error: float
+    scan_jitter_s: float
+
+
+class Build(OnBoard):
+    """build.json.
+
+    lanes_chosen_by: asked or fit. not_taken: seed -> why. logic_cells: without harness_cells, which take the place of a
+    link. blocks: cells of each block by column. clock_hz: asked; reached_hz: the highest that the oscillator may
+    have; clock_met: that is no more than fmax_hz. seeds: highest clock of each. energy, power: where figures of the part are
+    published. class_pins: how the class stands on pins. converter to wiring: of a board that has one. standby: of
+    a board that sleeps.
+    """
+
+    model_hash: str = ""
+    lanes_chosen_by: str = ""
+    lanes_too_many: TooMany | None = None
+    not_taken: Mapping[str, str] = {}
+    target: str
+    device: str
+    images: bool
+    logic_cells: int
+    lut: int
+    ff: int
+    dsp: int
+    bram: int
+    spram: int
+    harness_cells: int
+    blocks: Mapping[str, Mapping[str, int]]
+    utilisation: Mapping[str, Used]
+    fmax_hz: float
+    clock_hz: float
+    reached_hz: float = 0.0
+    clock_met: bool
+    critical_path: str
+    seed: int
+    seeds: Mapping[str, float]
+    cycles: Counts
+    lowest_clock_hz: float
+    budgets: Sequence[PlannedBudget]
+    energy: Estimate | None
+    power: Power | None = None
+    bitstream: str
+    class_pins: str = ""
+    standalone: bool = False
+    converter: str = ""
+    stimulator: bool = False
+    wiring: Sequence[Mapping[str, str]] = ()
+    standby: Asleep | None = None
 
 
 class BuildError(RuntimeError):
@@ -257,7 +361,7 @@ class BuildRequest:
     sensing: bool = False
     clock_hz: float | None = None
     lanes_asked: bool = False
-    misfit: tuple[int, str] | None = None
+    misfit: TooMany | None = None
     seed: int = 1
     seeds: int = 1
     cache: Path = CACHE
@@ -333,13 +437,15 @@ class BuildRequest:
         if fewer < 1:
             return None
         return replace(
-            self, config=self.config.with_lanes(fewer), misfit=self.misfit or (lanes, _lacks(short))
+            self,
+            config=self.config.with_lanes(fewer),
+            misfit=self.misfit or TooMany(lanes=lanes, needs=_lacks(short)),
         )
 
 
 def build(
     request: BuildRequest, progress: Progress | None = None
-) -> tuple[Record, Path, Path, AcceleratorConfig]:
+) -> tuple[Build, Path, Path, AcceleratorConfig]:
     """The best of the placements. Where a recurrent design lacks block memories and the part has large ones,
     they hold its weights (``spare_blocks``).
 
@@ -394,35 +500,25 @@ def build(
             f"{request.seed}: {not_taken[str(request.seed)]}); --seeds {2 * failures} tries more"
         )
     best = max(placements, key=lambda placement: placement.fmax_hz)
-    by, tried = "asked" if request.lanes_asked else "fit", request.misfit
-    chosen: Record = {
-        "model_hash": model_hash(config, request.arrays),
-        "lanes_chosen_by": by,
-        "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
-        "not_taken": not_taken,
-    }
     awake = request.awake if request.standalone else ""
-    result = chosen | _result(
-        config, target, request.link, best, placements, request.wanted_hz, wiring.standby, awake
-    )
+    result = _result(config, target, request.link, best, placements, request.wanted_hz, wiring.standby, awake)
+    result.model_hash, result.not_taken = model_hash(config, request.arrays), not_taken
+    result.lanes_chosen_by = "asked" if request.lanes_asked else "fit"
+    result.lanes_too_many = request.misfit
     if request.hosted:
-        result |= {"baud": rate, "class_pins": wiring.shown}
+        assert rate is not None
+        result.baud, result.class_pins = rate, wiring.shown
     if wiring.sensing:
-        interface = config.interface
-        result |= {
-            "link": request.sensing,
-            "standalone": request.standalone,
-            "converter": interface.converter.name,
-            "stimulator": interface.stimulator != "none",
-            "wiring": wiring.table(),
-        }
+        result.link, result.standalone = request.sensing, request.standalone
+        result.converter = config.interface.converter.name
+        result.stimulator, result.wiring = config.interface.stimulator != "none", wiring.table()
     if wiring.standby:
         p, _ = sample_clock(standby.SLOW_HZ, config.sensor.scan_rate_hz)
-        result["standby"] = {
-            "start_s": standby.start_cycles() / standby.SLOW_HZ,
-            "rate_error": standby.TOLERANCE,
-            "scan_jitter_s": 0.0 if p == 1 else 1 / standby.SLOW_HZ,
-        }
+        result.standby = Asleep(
+            start_s=standby.start_cycles() / standby.SLOW_HZ,
+            rate_error=standby.TOLERANCE,
+            scan_jitter_s=0.0 if p == 1 else 1 / standby.SLOW_HZ,
+        )
     return result, best.bitstream, netlist.verilog, config
 
 
@@ -448,20 +544,13 @@ def board_of(model: Path) -> tuple[int, int, Any]:
             f"--port: the build of the board holds its rate and lanes, and {found}; "
             f"run eskin build {model} --target NAME --out {model}/board"
         )
-    try:
-        result = json.loads(builds[0].read_text())
-        with_link, lanes, lane_type = result["link"], int(result["lanes"]), result["lane_type"]
-        rate = round(result["baud"]) if with_link else 0
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(
-            f"--port: {builds[0]} is not a record of 'eskin build'; build the board again"
-        ) from None
-    if not with_link:
+    board = OnBoard.read(builds[0], "build the board again")
+    if not board.link:
         raise InputError(
             f"--port: {builds[0].parent} was built with --no-link, so no host can talk to it; build it again "
             "without that option"
         )
-    return rate, lanes, lane_type
+    return round(board.baud), board.lanes, board.lane_type
 
 
 def _result(
@@ -473,56 +562,53 @@ def _result(
     wanted_hz: float,
     sleeps: bool = False,
     awake: str = "",
-) -> Record:
+) -> Build:
     inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
-    total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
-    needed_hz = max(
-        [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
-    )
+    total: Record = {
+        column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS
+    }
+    needed_hz = max([lowest_clock_hz(config), *(row.needed_clock_hz for row in _budgets(config, wanted_hz))])
     activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), total["dsp"])
     modelled = target.device in PARTS
     turn = Turn(*standby.turn(config, wanted_hz)) if sleeps else None
     reached_hz = wanted_hz * (1 + standby.TOLERANCE * sleeps)  # an own oscillator may be faster
-    return {
-        "target": target.name,
-        "device": target.device,
-        "lanes": config.hardware.lanes,
-        "lane_type": config.hardware.lane_type,
-        "link": link,
-        "images": config.is_image,
-        "logic_cells": total["cells"],
-        **{name: total[name] for name in ("lut", "ff", "dsp", "bram", "spram")},
-        "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"],
-        "blocks": best.blocks,
-        "utilisation": {
-            resource: {"used": count, "available": available}
+    return Build(
+        target=target.name,
+        device=target.device,
+        lanes=config.hardware.lanes,
+        lane_type=config.hardware.lane_type,
+        link=link,
+        images=config.is_image,
+        logic_cells=total["cells"],
+        **total,
+        harness_cells=0 if link else best.blocks[blocks.TOP]["cells"],
+        blocks=best.blocks,
+        utilisation={
+            resource: Used(used=count, available=available)
             for resource, (count, available) in best.utilisation.items()
         },
-        "fmax_hz": best.fmax_hz,
-        "clock_hz": wanted_hz,
-        "reached_hz": reached_hz,
-        "clock_met": best.fmax_hz >= reached_hz,
-        "critical_path": best.path,
-        "seed": best.seed,
-        "seeds": {str(placement.seed): placement.fmax_hz for placement in placements},
-        "cycles": {
-            "step": step_cycles(config),
-            "step_ideal": config.step_ideal,
-            "decision": decision_cycles(config),
-        },
-        "lowest_clock_hz": lowest_clock_hz(config),
-        "budgets": _budgets(config, wanted_hz),
-        "energy": estimate(config, target.device, activity, needed_hz) if modelled else None,
-        "power": bitstream_power(config, target.device, activity, wanted_hz, turn=turn, awake=awake)
+        fmax_hz=best.fmax_hz,
+        clock_hz=wanted_hz,
+        reached_hz=reached_hz,
+        clock_met=best.fmax_hz >= reached_hz,
+        critical_path=best.path,
+        seed=best.seed,
+        seeds={str(placement.seed): placement.fmax_hz for placement in placements},
+        cycles=Counts(
+            step=step_cycles(config), step_ideal=config.step_ideal, decision=decision_cycles(config)
+        ),
+        lowest_clock_hz=lowest_clock_hz(config),
+        budgets=_budgets(config, wanted_hz),
+        energy=estimate(config, target.device, activity, needed_hz) if modelled else None,
+        power=bitstream_power(config, target.device, activity, wanted_hz, turn=turn, awake=awake)
         if modelled
         else None,
-        "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}",
-    }
+        bitstream=f"{config.name}_{target.name}{best.bitstream.suffix}",
+    )
 
 
-def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[Record]:
-    """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few
-    of the front end."""
+def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[PlannedBudget]:
+    """Budgets at the clock."""
     planned = {
         "frame_max": frame_cycles(config),
         "step_max": step_cycles(config),
@@ -531,8 +617,10 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[Record]:
     budgets = []
     for name, limit in limits(config).items():
         cycles = planned[COUNT_OF[name]]
-        budget = {"name": name, "limit_s": limit, "cycles": cycles}
-        budgets.append(budget | {"needed_clock_hz": cycles / limit, "met": cycles / clock_hz <= limit})
+        needed_hz, met = cycles / limit, cycles / clock_hz <= limit
+        budgets.append(
+            PlannedBudget(name=name, limit_s=limit, cycles=cycles, needed_clock_hz=needed_hz, met=met)
+        )
     return budgets
 
 
@@ -574,17 +662,17 @@ def _over(short: Mapping[str, tuple[int, int]], resource: str) -> int:
     return needed - available
 
 
-def clock_sentence(result: Record) -> str:
+def clock_sentence(result: Build) -> str:
     """By how much the clock is missed and what would help."""
-    reached_hz = result["reached_hz"]
-    short = reached_hz - result["fmax_hz"]
-    tried = len(result["seeds"])
+    reached_hz = result.reached_hz
+    short = reached_hz - result.fmax_hz
+    tried = len(result.seeds)
     if tried < SEEDS_WORTH_TRYING and short < 0.15 * reached_hz:
         helps = f"--seeds {SEEDS_WORTH_TRYING} tries more placements"
     else:
-        helps = f"--clock {math.floor(result['fmax_hz'] / 1e5) * 1e5:.0f} is a clock it reaches"
+        helps = f"--clock {math.floor(result.fmax_hz / 1e5) * 1e5:.0f} is a clock it reaches"
     share = 100 * short / reached_hz
-    clock = f"{result['fmax_hz'] / 1e6:.1f} of {reached_hz / 1e6:g} MHz"
+    clock = f"{result.fmax_hz / 1e6:.1f} of {reached_hz / 1e6:g} MHz"
     return f"misses its clock: {clock}, {share:.1f} % too slow; {helps}"
 
 
@@ -607,25 +695,22 @@ def _placement(
         placement = place(netlist, target, pins, work, seed=seed, border=border)
         placement.bitstream.rename(new / placement.bitstream.name)
         shutil.rmtree(work)  # megabytes that nothing reads again
-        write_json(
-            new / "implementation.json",
-            dataclasses.asdict(placement) | {"bitstream": placement.bitstream.name},
-        )
+        write_json(new / "implementation.json", placement)
 
     folder = Memo(cache).folder(content_key(key, str(target.place), dict(pins), seed), make)
-    values = json.loads((folder / "implementation.json").read_text())
-    values["utilisation"] = {resource: tuple(counts) for resource, counts in values["utilisation"].items()}
-    return Implementation(**values | {"bitstream": folder / values["bitstream"]})
+    placement = Implementation.read(folder / "implementation.json", "remove it")
+    placement.bitstream = folder / placement.bitstream.name
+    return placement
 
 
 # ---------------------------------------------------------------------- rows of the table
-def block_rows(result: Record) -> list[tuple]:
+def block_rows(result: Build) -> list[tuple]:
     """Cells by block, and their sum, which is the whole device's use."""
-    top = "(pins)" if result["link"] or result.get("standalone") else "(harness)"
+    top = "(pins)" if result.link or result.standalone else "(harness)"
     named = {blocks.TOP: top, blocks.WIRING: "(wiring between)"}
     counts = {
         named.get(name, name): [block[column] for column in implementation.COLUMNS]
-        for name, block in result["blocks"].items()
+        for name, block in result.blocks.items()
     }
     largest = sorted(counts.items(), key=lambda block: -block[1][0])
     totals = map(sum, zip(*counts.values(), strict=True))

@@ -13,7 +13,8 @@ from eskin.data.archive import save_archive
 from eskin.data.fit import for_model
 from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
 from eskin.golden.data.codes import Worth
-from eskin.golden.model import load_config, load_training
+from eskin.golden.model import load_config
+from eskin.training.record import training_of
 from eskin.training.settings import parse_names
 
 
@@ -87,9 +88,8 @@ def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
     not said) of a model folder or an archive."""
 
     if like.is_dir():
-        record = load_training(like)
-        names, unit = record.get("channel_names", []), record.get("unit", "")
-        return load_config(like), tuple(map(str, names)) if isinstance(names, list) else (), str(unit)
+        record = training_of(like)
+        return load_config(like), tuple(record.channel_names), record.unit
     of = load_recordings(like)
     if of.image_shape:
         raise InputError(f"--like {like}: holds images, which have no scale; leave it out")

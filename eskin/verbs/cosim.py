@@ -328,7 +328,7 @@ part loads the design anew. Small enough that no worker waits long for the last 
 starting a simulator."""
 IN_BULK = 400
 """The same where recordings are played in bulk: one process does that on all cores (`eskin.cosim.bulk`)."""
-CODE = partial(code_version, "golden", "rtl", "cosim", "study", "verbs")
+CODE = partial(code_version, "golden", "rtl", "cosim", "study", "training/record.py", "verbs")
 """Code on which a co-simulation depends beside data and model."""
 
 Piece = tuple[int, int]

@@ -14,7 +14,8 @@ from collections.abc import Hashable
 from functools import lru_cache, partial
 
 from eskin.choose.cost import PREFERENCES, Cost, CostModel, Prefer
-from eskin.golden.core import EXTREMES, AcceleratorConfig, InputError, Record
+from eskin.golden.core import EXTREMES, AcceleratorConfig, InputError
+from eskin.pages.result import OnLanes
 from eskin.rtl.fpga.block_memories import block_memories
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
@@ -127,8 +128,8 @@ def cells_of(config: AcceleratorConfig) -> int:
     return defences + round(sum(CELLS[name] * count for name, count in parts_of(config).items()))
 
 
-def by_lanes(config: AcceleratorConfig) -> list[Record]:
-    """{lanes, latency_s (last sample or pixel to decision), cells} of a network on every number of lanes that BOARD has multipliers for;
+def by_lanes(config: AcceleratorConfig) -> list[OnLanes]:
+    """A network on every number of lanes that BOARD has multipliers for;
     one of them stays for element-wise operations, which images have none of."""
     target = find_target(BOARD)
     most = target.room.multipliers if target.room else 1
@@ -137,7 +138,7 @@ def by_lanes(config: AcceleratorConfig) -> list[Record]:
         if lanes <= most:
             on = suited(config, target, lanes)
             latency_s = decision_cycles(on) / target.clock_hz
-            rows.append({"lanes": lanes, "latency_s": latency_s, "cells": cells_of(on)})
+            rows.append(OnLanes(lanes=lanes, latency_s=latency_s, cells=cells_of(on)))
     return rows
 
 

@@ -22,7 +22,7 @@ from eskin.cli.common import (
     recordings_for,
     show,
 )
-from eskin.golden.core import AcceleratorConfig, InputError, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Record, Result, content_key
 from eskin.golden.core.groups import Readout
 from eskin.golden.model import check_model_target, load_config
 from eskin.jobs import Jobs
@@ -83,7 +83,7 @@ class EnrolRequest(GroupSettings, JsonOptions):
         return [int(word) for word in counts]
 
 
-def command(request: EnrolRequest) -> Record:
+def command(request: EnrolRequest) -> Record | Result:
     mode = "evaluate" if request.evaluate else "teach" if request.teach is not None else "train"
     request.check(mode)
     if request.evaluate:
@@ -98,12 +98,13 @@ def command(request: EnrolRequest) -> Record:
     few = recordings_for(request.data or request.teach, config)
     old = recordings_for(request.with_ or None, config)
     if request.teach is not None:
-        result = teach_folder(request.model, few, request.out)
-    else:
-        with progress_bars() as report:
-            result = enrol(request.model, few, request.out, old=old, progress=partial(report, "enrolment"))
-    show("enrol" if request.teach is None else "teach", **result, out=request.out)
-    return result
+        taught = teach_folder(request.model, few, request.out)
+        show("teach", **dict(taught), out=request.out)
+        return taught
+    with progress_bars() as report:
+        enrolled = enrol(request.model, few, request.out, old=old, progress=partial(report, "enrolment"))
+    show("enrol", **dict(enrolled), out=request.out)
+    return enrolled
 
 
 CACHE = Path("build/enrolments")

@@ -7,8 +7,9 @@ import tempfile
 from pathlib import Path
 
 from eskin.exchange import plain_c
-from eskin.golden.core import InputError, Result
+from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel
+from eskin.pages.result import PartNeed
 from eskin.rtl.fpga.targets import Target
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import decision_cycles
@@ -25,30 +26,10 @@ COMPILERS = {
 """Compiler and its options for each processor."""
 
 
-class PartNeed(Result):
-    """``parts`` of run.json.
-
-    board: an example. fits: it holds the design. cells, block_memories: logic cells and block memories, onset to decision.
-    bytes: program and constants of the C export, by the compiler if there is one. constant_bytes: its tables. operations:
-    of a touch, multiplications and one addition for each sample. latency_s: from the last sample to the decision, at the
-    board's clock. average_w: with one touch a second, clock always on.
-    """
-
-    part: str
-    board: str | None = None
-    fits: bool | None = None
-    cells: int | None = None
-    block_memories: int | None = None
-    bytes: int | None = None
-    constant_bytes: int | None = None
-    operations: int | None = None
-    latency_s: float | None = None
-    average_w: float | None = None
-
-
 def parts_of(model: IntegerModel) -> list[PartNeed]:
     """A row for each FPGA, and for each processor if C takes the model."""
-    return [_on_fpga(model, find_target(board)) for board in BOARDS] + _on_processors(model)
+    rows = [_on_fpga(model, find_target(board)) for board in BOARDS] + _on_processors(model)
+    return [PartNeed(**row.model_dump()) for row in rows]  # what is not known is written, too
 
 
 def _on_fpga(model: IntegerModel, target: Target) -> PartNeed:

@@ -7,7 +7,7 @@ Example: eskin run --data recordings.npz --recordings 40 --out result
 from pathlib import Path
 
 from eskin.cli.common import DATA, ChoiceOptions, messages, option, parse_count, say, show_text
-from eskin.golden.core import Record
+from eskin.golden.core import Result
 
 
 class RunRequest(ChoiceOptions):
@@ -23,7 +23,7 @@ class RunRequest(ChoiceOptions):
         return None if self.recordings is None else parse_count(self.recordings)
 
 
-def command(request: RunRequest) -> Record:
+def command(request: RunRequest) -> Result:
     from eskin.pages.report import PAGE, summary
     from eskin.verbs.run_job import run
 

@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -44,9 +44,10 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.files import exchange
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, load_config, load_training
+from eskin.golden.model import IntegerModel, load_config
 from eskin.memo import Memo, code_version
 from eskin.pages import report
+from eskin.pages.result import Check, Configuration, Data, Lengths, Run, Timing
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
@@ -56,6 +57,7 @@ from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING, evaluate, integers
 from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.training.image_models import KEPT, chosen_config
+from eskin.training.record import Baseline, Doubt, Training, training_of
 from eskin.training.splits import check_split
 from eskin.verbs.cosim import cosimulate, one_of_each
 from eskin.verbs.cost import CODE as COST
@@ -77,21 +79,20 @@ one, at most PER_CLASS of each class."""
 FEWEST_WINDOWS = 3
 """Fewest windows of such a run: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
+BUILT = ("golden", "rtl", "study", "training/record.py")
 CODE = partial(code_version, *LEARNING, "rtl", "cosim", "verbs")
 """What a result depends on, for scripts/tables.py."""
 
 
-def run(request: RunRequest, console: Console | None = None) -> Record:
+def run(request: RunRequest, console: Console | None = None) -> Run:
     """Do the main job and put everything into ``request.out``, at the very end. ``console``: where progress is shown;
     None: standard error.
 
     The folder
     ----------
-    run.json (also returned; ``passed``: every check held; ``warnings``: why the accuracy may not be what it
-    seems), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found),
+    run.json (also returned), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found),
     model/, rtl/, report.html; waves_*/ after a mismatch. Of images no cosim_declared.json and
-    cosim_lowest.json; run.json has ``images`` and layer_cycles (number of a layer -> cycles,
-    with cycles of the pool behind).
+    cosim_lowest.json.
 
     Raises
     ------
@@ -143,7 +144,7 @@ class _Steps:
     def __init__(self, request: RunRequest, console: Console) -> None:
         """Read the recordings and find a configuration; what does not work is refused here."""
         self.request, self.console, self.begin = request, console, time.perf_counter()
-        self.timings: list[Record] = []
+        self.timings: list[Timing] = []
         config = AcceleratorConfig.load(request.config) if request.config else None
         with self.progress("recordings") as notify:
             self.recordings = loaded = load_recordings(request.data, config=config, progress=notify)
@@ -191,17 +192,17 @@ class _Steps:
         cached = (folder / "finished").exists()
         with self.progress(name) as notify:
             Memo(self.work).folder(folder.name, lambda new: make(new, notify, *given))
-        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": cached})
+        self.timings.append(Timing(stage=name, wall_s=time.perf_counter() - begin, cached=cached))
         return folder
 
-    def all(self, work: Path, result: Path) -> Record:
+    def all(self, work: Path, result: Path) -> Run:
         """Run every stage in the folder ``work`` and fill ``result`` with all but the page. The record, as in
         run.json."""
         self.work = work
         trained = self.stage("training", (*LEARNING, *COST), self._train)
         quantised = self.stage("quantisation", LEARNING, self._quantise, trained / "model")
         model = IntegerModel.load(quantised / "model", images=True)
-        training = load_training(quantised / "model")
+        training = training_of(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
 
@@ -211,7 +212,7 @@ class _Steps:
         evaluated = self.stage("evaluation", LEARNING, judge, quantised / "model")
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
-        generated = self.stage("Verilog", ("golden", "rtl", "study"), self._generate, model)
+        generated = self.stage("Verilog", BUILT, self._generate, model)
         folders = self._cosimulations(numbers, model, generated / "rtl")
 
         shutil.rmtree(result, ignore_errors=True)
@@ -220,37 +221,38 @@ class _Steps:
         shutil.copytree(generated / "rtl", result / "rtl")
         shutil.copy(evaluated / "evaluate.json", result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
-        judged = Evaluation.model_validate_json((evaluated / "evaluate.json").read_text())
+        judged = Evaluation.read(evaluated / "evaluate.json", "run it again")
         checks = _checks(judged, tested, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
-        record = {
-            "name": self.request.name,
-            "code": CODE(),
-            "data": self._data(),
-            "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
-            "candidates": training.get("candidates"),
-            "lanes": by_lanes(config),
-            "parts": [row.model_dump() for row in parts_of(model)],
-            "baselines": baselines,
-            "doubts": [row | {"text": spelled(row["text"])} for row in found],
-            "warnings": [*map(spelled, doubts.sentences(found))],
-            "test": tested and tested.plain(),
-            "cosimulated": [int(number) for number in numbers],
-            "checks": checks,
-            "passed": all(check["held"] for check in checks),
-            "timings": self.timings,
-            "wall_s": round(time.perf_counter() - self.begin, 3),
-        }
+        for row in found:
+            row.text = spelled(row.text)
+        nested = None if config.is_image else training.cross_validation[0].nested
+        record = Run(
+            **nested.disturbed.plain() if nested else {},
+            name=self.request.name,
+            code=CODE(),
+            data=self._data(),
+            configuration=Configuration(name=config.name, reasons=training.reasons),
+            candidates=training.candidates,
+            lanes=by_lanes(config),
+            parts=parts_of(model),
+            baselines=baselines,
+            doubts=found,
+            warnings=[row.text for row in found],
+            test=tested,
+            cosimulated=numbers.tolist(),
+            checks=checks,
+            passed=all(check.held for check in checks),
+            timings=self.timings,
+            wall_s=round(time.perf_counter() - self.begin, 3),
+        )
         if config.is_image:
             cycles = {str(part.number): part.cycles(config.hardware.lanes) for part in plan_of(config).passes}
-            record |= {"images": True, "layer_cycles": cycles}
+            record.images, record.layer_cycles = True, cycles
         else:
-            lowest = outcomes["cosim_lowest"]
-            nested = training["cross_validation"][0].get("nested") or {}
-            record |= {"front_end": training.get("front_end"), **nested.get("disturbed", {})}
-            power = power_of(config)
-            record |= {"average_w": power.average_w, "power": power.model_dump()}
-            record["lowest_clock_hz"] = lowest.clock_hz if lowest and lowest.passed else None
+            lowest, power = outcomes["cosim_lowest"], power_of(config)
+            record.front_end, record.power, record.average_w = training.front_end, power, power.average_w
+            record.lowest_clock_hz = lowest.clock_hz if lowest and lowest.passed else None
         write_json(result / RESULT_MARK, record)
         return record
 
@@ -262,7 +264,7 @@ class _Steps:
 
         def simulate(name: str, numbers: np.ndarray, played: Recordings, *given: Any) -> Path:
             given = (model, design, numbers, played, *given)
-            return self.stage(name, ("golden", "rtl", "cosim", "study"), self._simulate, *given)
+            return self.stage(name, (*BUILT, "cosim"), self._simulate, *given)
 
         full = simulate("co-simulation", numbers, self.recordings.subset(numbers), "full")
         if self.config.is_image:
@@ -275,11 +277,11 @@ class _Steps:
             lowest = simulate("lowest clock", *few, "declared", at_pace.cycles.plain())
         return {"cosim": full, "cosim_declared": declared, "cosim_lowest": lowest}
 
-    def _baselines(self, training: Record) -> list[Record]:
+    def _baselines(self, training: Training) -> list[Baseline]:
         """The baselines of the training, and other classifiers on the same folds."""
-        groups = training["cross_validation"][0]["groups"]
+        groups = training.cross_validation[0].groups
 
-        def measure(folder: Path, notify: Progress, config: AcceleratorConfig, groups: list[str]) -> None:
+        def measure(folder: Path, notify: Progress, config: AcceleratorConfig, groups: Sequence[str]) -> None:
             report = lambda _, done, total: notify(
                 "judged", done, total
             )  # it names the classifier that is done
@@ -287,7 +289,8 @@ class _Steps:
             write_json(folder / "yardsticks.json", rows)
 
         measured = self.stage("other classifiers", LEARNING, measure, self.config, groups)
-        return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
+        rows = json.loads((measured / "yardsticks.json").read_text())
+        return [*training.baselines, *map(Baseline.model_validate, rows)]
 
     def _train(self, folder: Path, notify: Progress) -> None:
         choice.train_chosen(
@@ -321,31 +324,29 @@ class _Steps:
 
     def _doubts(
         self,
-        training: Record,
-        baselines: list[Record],
+        training: Training,
+        baselines: Sequence[Baseline],
         tested: HeldBack | None,
         evaluated: Evaluation,
         model: IntegerModel,
-    ) -> list[Record]:
+    ) -> list[Doubt]:
         """The doubts from the training, from the baselines, and from the recordings held back."""
-        found, images = list(training.get("doubts", [])), self.config.is_image
+        found, images = list(training.doubts), self.config.is_image
         if not images:
-            first = training["cross_validation"][0]
-            doubted = doubts.below_baselines(first, baselines, training.get("candidates"))
+            first = training.cross_validation[0]
+            doubted = doubts.below_baselines(first, baselines, training.candidates)
             # the best of all baselines speaks for the split, and the training knew fewer of them
-            replaced = {(doubt["code"], *doubt["groups"]) for doubt in doubted}
-            found = doubted + [
-                doubt for doubt in found if (doubt["code"], *doubt.get("groups", [])) not in replaced
-            ]
+            replaced = {(doubt.code, *doubt.groups) for doubt in doubted}
+            found = doubted + [doubt for doubt in found if (doubt.code, *doubt.groups) not in replaced]
         if tested:
             found += doubts.seen_in_training(tested, "images" if images else "recordings")
-            found += doubts.below_range(tested, training["cross_validation"][0])
+            found += doubts.below_range(tested, training.cross_validation[0])
         if not images:
             known = known_from_first_frames if self.config.opens_at_once else known_without_touch
             leak = known(model, self.recordings)
-            if leak and not (leak.frames and any(doubt["code"] == "level_tells" for doubt in found)):
+            if leak and not (leak.frames and any(doubt.code == "level_tells" for doubt in found)):
                 found += doubts.leaks(**vars(leak))
-        return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
+        return found + doubts.lost_in_integers(training.cross_validation, evaluated)
 
     def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
         generate_design(model, folder / "rtl", recordings=self.recordings)
@@ -399,24 +400,20 @@ class _Steps:
         )
         write_json(folder / "result.json", outcome)
 
-    def _data(self) -> Record:
+    def _data(self) -> Data:
         recordings, lengths = self.recordings, self.recordings.lengths
-        return {
-            "source": recordings.source,
-            "recordings": len(recordings),
-            "frames": recordings.frames,
-            "taxels": recordings.taxels,
-            "unit": recordings.unit or ("" if recordings.volt_per_code else "V"),
-            "sample_rate_hz": recordings.sample_rate_hz,
-            "sha256": recordings.content,
-            "classes": dict(zip(recordings.class_names, recordings.class_counts.tolist(), strict=True)),
-            "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
-            "lengths": {
-                "min": int(lengths.min()),
-                "median": float(np.median(lengths)),
-                "max": int(lengths.max()),
-            },
-        }
+        return Data(
+            source=str(recordings.source),
+            recordings=len(recordings),
+            frames=recordings.frames,
+            taxels=recordings.taxels,
+            unit=recordings.unit or ("" if recordings.volt_per_code else "V"),
+            sample_rate_hz=recordings.sample_rate_hz,
+            sha256=recordings.content,
+            classes=dict(zip(recordings.class_names, recordings.class_counts.tolist(), strict=True)),
+            groups={name: len(np.unique(values)) for name, values in recordings.groups.items()},
+            lengths=Lengths(min=lengths.min(), median=np.median(lengths), max=lengths.max()),
+        )
 
 
 def _lowest_clock(*given: Any, **where: Any) -> Played | None:
@@ -448,8 +445,8 @@ def _take_over(folder: Path | None, result: Path, name: str) -> Played | None:
 
 def _checks(
     evaluated: Evaluation, tested: HeldBack | None, outcomes: dict[str, Played | None]
-) -> list[Record]:
-    """Checks behind exit status 0: {name, held, detail} each."""
+) -> list[Check]:
+    """Checks behind exit status 0."""
     checks = []
     for judged, where in ((evaluated, "the training data"), (tested, "the recordings held back")):
         if judged is None:
@@ -486,7 +483,7 @@ def _checks(
         elif lowest is not None:
             detail = f"{hertz(lowest.clock_hz)}, {'bit-exact' if passes else verdict(lowest)}"
         checks.append(("a lowest clock that meets every budget", passes, detail))
-    return [{"name": name, "held": holds, "detail": detail} for name, holds, detail in checks]
+    return [Check(name=name, held=holds, detail=detail) for name, holds, detail in checks]
 
 
 # ---------------------------------------------------------------------- folders

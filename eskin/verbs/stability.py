@@ -7,7 +7,7 @@ from pathlib import Path
 
 from eskin.cli.common import ClusterOptions, ModelDataOptions, option, progress_bars, recordings_for, show
 from eskin.golden.core import Result
-from eskin.golden.model import load_config, load_training
+from eskin.golden.model import load_config
 
 
 class StabilityRequest(ModelDataOptions, ClusterOptions):
@@ -20,12 +20,13 @@ class StabilityRequest(ModelDataOptions, ClusterOptions):
 
 def command(request: StabilityRequest) -> Result:
     from eskin.pages.stability_page import PAGE, figure_in_words
+    from eskin.training.record import training_of
     from eskin.verbs import stability_job
 
     recordings = recordings_for(request.data, load_config(request.model))
     with progress_bars() as report:
         result = stability_job.run(request, recordings, progress=report)
-    training = load_training(request.model)
-    known = (training.get("data"), training.get("recordings")) == (result.data, result.recordings)
+    training = training_of(request.model)
+    known = (training.data, training.recordings) == (result.data, result.recordings)
     show("stability", **dict(result), known=known, figure=figure_in_words, page=request.out / PAGE)
     return result

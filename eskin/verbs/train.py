@@ -6,7 +6,7 @@ Example: eskin train --data recordings.npz --out model --group person,trial
 from pathlib import Path
 from typing import Literal
 
-from eskin.choose.choice_table import front_end_table, front_end_words, network_name, windows_brief
+from eskin.choose.choice_table import front_end_table, network_name, windows_brief
 from eskin.cli.common import ChoiceOptions, load_data, option, progress_bars, required, show, warn
 from eskin.golden.core.groups import Reset
 from eskin.golden.model import check_model_target
@@ -44,8 +44,7 @@ def command(request: TrainRequest) -> None:
         for reason in plan.reasons:
             warn(f"configuration: {reason}")
         if front_ends := plan.record():
-            rows = [row | {"words": front_end_words(row)} for row in front_end_table(front_ends)]
-            show("front_ends", **front_ends, rows=rows)
+            show("front_ends", front_ends=front_ends, rows=front_end_table(front_ends))
     with progress_bars() as report:
         record = train_chosen(
             recordings,
@@ -57,4 +56,11 @@ def command(request: TrainRequest) -> None:
             keep=Memo(KEPT),
             progress=report,
         )
-    show("train", **record, network_name=network_name, windows_brief=windows_brief, out=request.out)
+    show(
+        "train",
+        training=record,
+        candidates=record.priced,
+        network_name=network_name,
+        windows_brief=windows_brief,
+        out=request.out,
+    )

@@ -12,10 +12,10 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from eskin.golden.core.errors import InputError
 
@@ -152,6 +152,26 @@ class Result(BaseModel):
     def plain(self) -> dict[str, Any]:
         """Its fields as JSON holds them."""
         return self.model_dump(mode="json", exclude_unset=True)
+
+    @classmethod
+    def read(cls, path: Path, fix: str) -> Self:
+        """The result that a JSON file holds.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, or a field is missing or has another type; the sentence ends with ``fix``.
+        """
+        try:
+            if path.exists() and not path.is_file():
+                raise OSError(0, "is not a regular file")  # a pipe without a writer would wait for ever
+            return cls.model_validate(json.loads(path.read_text()))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            why = f"field {'.'.join(map(str, first['loc']))}: {first['msg'][0].lower()}{first['msg'][1:]}"
+        except (OSError, ValueError, RecursionError) as error:
+            why = f"cannot be read ({error.strerror if isinstance(error, OSError) else error})"
+        raise InputError(f"{path}, {why}; {fix}")
 
 
 def write_json(path: str | Path, value: Any) -> None:

@@ -9,7 +9,6 @@ from eskin.golden.model.model import (
     check_model_target,
     constants_shape,
     load_config,
-    load_training,
     network_formats,
     network_shapes,
     real_by_input,

@@ -23,6 +23,7 @@ from eskin.golden.core import (
     InputError,
     QFormat,
     Record,
+    Result,
     content_key,
     model_hash,
     read_arrays,
@@ -174,7 +175,7 @@ class FloatModel(_Model):
     def save(
         self,
         folder: str | Path,
-        training: Record,
+        training: Record | Result,
         integer: IntegerModel | None = None,
         check: Check = lambda: None,
     ) -> None:
@@ -184,7 +185,9 @@ class FloatModel(_Model):
 
         def write(temporary: Path) -> None:
             np.savez(temporary / FLOAT_FILE, allow_pickle=False, **self.arrays)
-            (temporary / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
+            (temporary / TRAINING_FILE).write_text(
+                json.dumps(training, indent=1, default=Result.plain) + "\n"
+            )
             _write(temporary, self.config, integer)
 
         replace_folder(folder, write, check)
@@ -343,28 +346,6 @@ def load_config(folder: str | Path) -> AcceleratorConfig:
             "train' wrote"
         )
     return AcceleratorConfig.load(path)
-
-
-def load_training(folder: str | Path) -> Record:
-    """The training record of a model folder; empty when it has none.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged.
-    """
-    path = Path(folder) / TRAINING_FILE
-    if not path.exists():
-        return {}
-    if not path.is_file():
-        raise InputError(f"{path}: is not a regular file; train the model again")
-    try:
-        record = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged ({error}); train the model again") from None
-    if not isinstance(record, dict):
-        raise InputError(f"{path}: holds no JSON object; train the model again")
-    return record
 
 
 def _load(

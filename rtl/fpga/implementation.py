@@ -4,11 +4,10 @@ import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from eskin.golden.core import Record
+from eskin.golden.core import Record, Result
 from eskin.rtl.fpga.blocks import block_of, cell_blocks, signal_blocks
 from eskin.rtl.fpga.synthesis import Netlist
 from eskin.rtl.fpga.targets import Target
@@ -124,8 +123,7 @@ class NoRoute(Exception):
     """The seed's placement could not be routed; another seed's may."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Implementation:
+class Implementation(Result):
     """One placement.
 
     fmax_hz: highest clock. path: the critical path in words. blocks: {block: {column of `COLUMNS`: count}};

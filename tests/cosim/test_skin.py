@@ -199,7 +199,7 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     result, bitstream, verilog, _ = build(
         BuildRequest(config=model.config, arrays=model.arrays, target=board, standalone=True)
     )
-    assert result["clock_met"] and bitstream.exists()
+    assert result.clock_met and bitstream.exists()
     config = model.config.replace(loadable=False)
     model = dataclasses.replace(model, config=config)
     hardware = netlist_hardware(Path(shutil.copy(verilog, tmp_path)), "ice40", "icebreaker", probes=False)

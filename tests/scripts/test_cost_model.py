@@ -84,10 +84,10 @@ def test_lanes_are_at_most_those_that_the_board_has_multipliers_for():
 def test_a_network_is_priced_on_every_number_of_lanes():
     config = DESIGNS["16 taxels, mean, GRU 8, P = 4"]
     rows = by_lanes(config)
-    assert [row["lanes"] for row in rows] == list(range(1, 8))
+    assert [row.lanes for row in rows] == list(range(1, 8))
     cost = cost_of(config)
-    assert [rows[3]["latency_s"], rows[3]["cells"]] == [cost.latency_s, cost.cells]
-    cells, times = ([row[key] for row in rows] for key in ("cells", "latency_s"))
+    assert [rows[3].latency_s, rows[3].cells] == [cost.latency_s, cost.cells]
+    cells, times = ([row.cells for row in rows], [row.latency_s for row in rows])
     assert cells == sorted(set(cells)) and times == sorted(times, reverse=True)
 
 
@@ -110,9 +110,7 @@ def test_cells_of_networks_for_images_are_within_9_percent_of_the_counted():
             logit_format=QFormat(8, 8),
         )
         rows = by_lanes(config)
-        assert [row["lanes"] for row in rows] == [1, 2, 4, 8]
-        assert (
-            rows[-1]["latency_s"] == decision_cycles(config.with_lanes(8)) / 12e6 < rows[0]["latency_s"] / 6
-        )
+        assert [row.lanes for row in rows] == [1, 2, 4, 8]
+        assert rows[-1].latency_s == decision_cycles(config.with_lanes(8)) / 12e6 < rows[0].latency_s / 6
         for row, cells in zip(rows, counted_cells, strict=True):
-            assert cells is None or row["cells"] == pytest.approx(cells, rel=0.09)
+            assert cells is None or row.cells == pytest.approx(cells, rel=0.09)

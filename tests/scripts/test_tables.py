@@ -13,7 +13,7 @@ from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cyc
 from eskin.rtl.top.accelerator import Accelerator
 from scripts import tables
 from tests.support.random_models import random_integer_model
-from tests.support.result_case import make_result
+from tests.support.result_case import FROZEN, make_result
 from tests.support.table import each_row
 
 KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", hop=144, window=288)
@@ -58,13 +58,14 @@ def test_results_of_this_code_alone_fill_the_tables_of_every_page(tmp_path):
     result, file = json.loads((tmp_path / "run.json").read_text()), tmp_path / "run.json"
     with pytest.raises(typer.BadParameter, match="other code than this checkout's made it"):
         list(tables.quoted([str(tmp_path)]))
-    candidate = dict(
+    candidate = FROZEN["run"]["candidates"][0] | dict(
         cell="gru", hidden=4, recipe="onset", chosen=True, front_end_words="a|b", energy_touch_j=1.234e-6
     )
     candidate |= dict(average_w=785e-6, decision_time_s=0.5, cells=900, block_memories=9)
     file.write_text(json.dumps(result | {"code": tables.CODE(), "candidates": [candidate]}))
     training = json.loads((tmp_path / "model/training.json").read_text())
-    nested = dict(integer_accuracy=0.8712, float_accuracy=0.8823, standard_error=0.0345)
+    nested = FROZEN["training"]["cross_validation"][0]["nested"]
+    nested |= dict(integer_accuracy=0.8712, float_accuracy=0.8823, standard_error=0.0345)
     split = training["cross_validation"][0] | {"nested": nested}
     (tmp_path / "model/training.json").write_text(json.dumps(training | {"cross_validation": [split]}))
     enrolled = {"mean": {"1": {"before": 0.77, "after": 0.953}}, "data": "few", "readout": "dense"}

@@ -19,7 +19,7 @@ import numpy as np
 
 from eskin.choose.candidate import mean_told
 from eskin.choose.first_touches import GATE_BATCH
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches
 from eskin.study.stability.core import Experiment, Mode, Played, Scene, rebuilt, why_not
@@ -27,6 +27,7 @@ from eskin.study.stability.table import MODES
 from eskin.study.touch_ends import touches_and_ends
 from eskin.training.datasets import front_end_key
 from eskin.training.judge import Decisions, FittedNetwork, Fold
+from eskin.training.record import Disturbed, ModeFigure
 
 PANEL = (
     "one-sample glitch before the touch",
@@ -200,7 +201,7 @@ class Panel:
         """The same on fewer recordings, half of all at most."""
         return Panel(self._all, self.weights, min(BRIEF, -(-len(self._all) // 2)), BRIEF_TURNS)
 
-    def unseen(self, decisions: Decisions) -> Record:
+    def unseen(self, decisions: Decisions) -> Disturbed:
         """Figures of networks that `brief` chose, on test recordings that it does not have, under disturbances
         drawn anew.
 
@@ -208,11 +209,6 @@ class Panel:
         ----------
         decisions:
             Of these networks without a disturbance.
-
-        Returns
-        -------
-        {stressed_accuracy, undisturbed_accuracy (of the same recordings, which the bounds refer to), stress, gate_modes
-        (as of ``figures``), stress_held, stress_modes (numbers of modes of ``stress``)}.
         """
         parts, wrong = [], dict[str, list[np.ndarray]]()
         folds = dict[int, list[tuple[Fold, FittedNetwork]]]()
@@ -241,12 +237,10 @@ class Panel:
             for name, of_folds in wrong.items()
         }
         figures = self.figures(pooled, accuracy)
-        return figures | {
-            "stressed_accuracy": mean_told(stressed),
-            "undisturbed_accuracy": accuracy,
-            "stress_held": sum(row["held"] for row in figures["stress"]),
-            "stress_modes": len(figures["stress"]),
-        }
+        figures.stressed_accuracy, figures.undisturbed_accuracy = mean_told(stressed), accuracy
+        figures.stress_held = sum(row.held for row in figures.stress)
+        figures.stress_modes = len(figures.stress)
+        return figures
 
     def wrong(self, config: AcceleratorConfig, model: IntegerModel, test: np.ndarray) -> np.ndarray:
         """(cases, tests) 1 where the network is wrong on a disturbed recording, NaN where it is not disturbed.
@@ -285,10 +279,9 @@ class Panel:
                 total += self.weights[name] * told
         return np.where(total > 0, right / np.maximum(total, 1e-12), np.nan)
 
-    def figures(self, wrong: Mapping[str, np.ndarray], accuracy: float) -> dict[str, list[Record]]:
-        """{mode, figure, bound, held} of each mode: of decisions as ``stress``, of gates alone as ``gate_modes``.
-        wrong: as of ``cases``. accuracy: on undisturbed recordings."""
-        rows: dict[str, list[Record]] = {"stress": [], "gate_modes": []}
+    def figures(self, wrong: Mapping[str, np.ndarray], accuracy: float) -> Disturbed:
+        """The figure of each mode. wrong: as of ``cases``. accuracy: on undisturbed recordings."""
+        decisions, gates = list[ModeFigure](), list[ModeFigure]()
         for name, cases in wrong.items():
             mode, experiment = EXPERIMENTS[name]
             cases = cases[~np.isnan(cases).all(axis=1)]
@@ -296,9 +289,9 @@ class Panel:
                 continue
             figure = experiment.figure(np.nanmean(cases, axis=1))
             bound = mode.bound(SimpleNamespace(clean_accuracy=accuracy))
-            row = {"mode": name, "figure": figure, "bound": bound, "held": bool(mode.holds(figure, bound))}
-            rows["gate_modes" if experiment.gate_only else "stress"].append(row)
-        return rows
+            row = ModeFigure(mode=name, figure=figure, bound=bound, held=mode.holds(figure, bound))
+            (gates if experiment.gate_only else decisions).append(row)
+        return Disturbed(stress=decisions, gate_modes=gates)
 
 
 def _first_touches(cases: Sequence[tuple[int, Played]]) -> tuple[Touches, np.ndarray]:

@@ -40,43 +40,43 @@ def trained(recordings, asked, tmp_path, **options):
 # ---------------------------------------------------------------------- training what was chosen
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = trained(gripped, None, tmp_path)
-    rows = record["candidates"]
-    assert [(row["cell"], row["hidden"]) for row in rows] == [
+    rows = record.candidates
+    assert [(row.cell, row.hidden) for row in rows] == [
         *[("linear", 0)] * 7,
         *[("gru", units) for units in (4, 8, 12, 16)],
     ]
-    (chosen,) = (row for row in rows if row["chosen"])
-    best = max(rows, key=lambda row: row["accuracy"])
-    certain = [row for row in rows if row["accuracy"] == best["accuracy"]]
-    assert chosen["energy_touch_j"] <= min(row["energy_touch_j"] for row in certain)
-    assert all(row["fits"] == "icebreaker" for row in rows)
+    (chosen,) = (row for row in rows if row.chosen)
+    best = max(rows, key=lambda row: row.accuracy)
+    certain = [row for row in rows if row.accuracy == best.accuracy]
+    assert chosen.energy_touch_j <= min(row.energy_touch_j for row in certain)
+    assert all(row.fits == "icebreaker" for row in rows)
     # recurrent ones had 6 updates
-    assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9
-    assert chosen["scan_every"] == chosen["front_end"]["scan_every"]
-    assert chosen["multiplies_touch"] == chosen["front_end"]["steps"] * 12 * 3
-    assert chosen["front_end"]["feature_kinds"] == record["front_end"]["chosen"]["feature_kinds"]
-    (split,) = record["cross_validation"]
-    assert split["groups"] == ["person"] and split["integer_accuracy"] == pytest.approx(chosen["accuracy"])
-    assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["rivals"]
-    assert record["baselines"][0]["groups"] == ["person"] and record["baselines"][0]["accuracy"] > 0.9
-    assert any("network chosen among" in reason for reason in record["reasons"])
-    assert record["front_end"]["tie"].endswith("a tie goes to the least energy")
-    assert [doubt["text"] for doubt in record["doubts"]] == record["warnings"]
+    assert chosen.cell == "linear" == record.config["network"]["cell"] and chosen.accuracy > 0.9
+    assert chosen.scan_every == chosen.front_end.scan_every
+    assert chosen.multiplies_touch == chosen.front_end.steps * 12 * 3
+    assert chosen.front_end.feature_kinds == record.front_end.chosen.feature_kinds
+    (split,) = record.cross_validation
+    assert split.groups == ["person"] and split.integer_accuracy == pytest.approx(chosen.accuracy)
+    assert record.front_end.chosen.rest == "none" and record.front_end.rivals
+    assert record.baselines[0].groups == ["person"] and record.baselines[0].accuracy > 0.9
+    assert any("network chosen among" in reason for reason in record.reasons)
+    assert record.front_end.tie.endswith("a tie goes to the least energy")
+    assert [doubt.text for doubt in record.doubts] == record.warnings
     # of known persons more is known than of new ones
-    assert record["same_groups"]["integer_accuracy"] >= split["nested"]["integer_accuracy"]
-    nested = split["nested"]
-    assert sum(fold["recordings"] for fold in nested["per_fold"]) == 24
-    assert all(fold["front_end"]["rest"] == "none" for fold in nested["per_fold"])
-    assert json.loads((tmp_path / "m/training.json").read_text()) == record
+    assert record.same_groups.integer_accuracy >= split.nested.integer_accuracy
+    nested = split.nested
+    assert sum(fold.recordings for fold in nested.per_fold) == 24
+    assert all(fold.front_end.rest == "none" for fold in nested.per_fold)
+    assert json.loads((tmp_path / "m/training.json").read_text()) == record.plain()
     assert quantise(tmp_path / "m").config.network.cell == "linear"
 
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
     record = trained(gripped, CONFIG, tmp_path, cell="auto")
-    assert record["config"]["windows"] == CONFIG.to_dict()["windows"]
-    assert record["config"]["network"]["cell"] == "linear"
-    assert "front_end" not in record and len(record["candidates"]) >= 5
-    assert record["cross_validation"][0]["nested"]["integer_accuracy"] > 0.9
+    assert record.config["windows"] == CONFIG.to_dict()["windows"]
+    assert record.config["network"]["cell"] == "linear"
+    assert record.front_end is None and len(record.candidates) >= 5
+    assert record.cross_validation[0].nested.integer_accuracy > 0.9
 
 
 def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
@@ -85,9 +85,9 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     train.train(gripped, config, out=tmp_path / "b")
     alone, other = (FloatModel.load(tmp_path / name) for name in "mb")
     assert all((alone.arrays[name] == other.arrays[name]).all() for name in alone.arrays)
-    assert alone.config == other.config and "nested" not in record["cross_validation"][0]
-    assert record["cross_validation"] == cross_validate(gripped, config, [[]], (0,), folds=2)
-    assert "candidates" not in record and "front_end" not in record
+    assert alone.config == other.config and not record.cross_validation[0].searched
+    assert record.cross_validation == cross_validate(gripped, config, [[]], (0,), folds=2)
+    assert not {"candidates", "front_end"} & record.plain().keys()
 
 
 def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(quick, tmp_path):
@@ -99,16 +99,16 @@ def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(qui
     samples = 1000 + patterns[session, labels][:, None] + rng.normal(0, 12, (108, 60, 5))
     recordings = Recordings.of(np.rint(samples), labels, sample_rate_hz=100, groups={"session": session})
     record = trained(recordings, None, tmp_path, folds=3, cell="linear")
-    (split,) = record["cross_validation"]
-    assert split["groups"] == ["session"] and len(split["nested"]["per_fold"]) == 3
-    assert record["same_groups"]["integer_accuracy"] > 0.95
-    assert split["nested"]["integer_accuracy"] < 0.85
+    (split,) = record.cross_validation
+    assert split.groups == ["session"] and len(split.nested.per_fold) == 3
+    assert record.same_groups.integer_accuracy > 0.95
+    assert split.nested.integer_accuracy < 0.85
 
 
 def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(gripped, quick, tmp_path):
     record = trained(gripped, None, tmp_path, folds=0)
-    network = record["config"]["network"]
-    assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
+    network = record.config["network"]
+    assert (network["cell"], network["hidden"], record.cross_validation) == ("gru", 12, [])
     with refused("`cell` auto: needs cross-validation"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
@@ -158,10 +158,8 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
     assert isinstance(learner, Searched)
     for fold, test in zip(folds, 2 * split_folds(gripped, ["person"], 5, None), strict=True):
         assert (fold.test == test).all() and (fold.part == np.setdiff1d(np.arange(24), test)).all()
-    assert record["seeds"] == [0, 1] and [fold["recordings"] for fold in record["per_fold"]] == [6] * 4
-    assert record["range"] == [
-        f([fold["integer_accuracy"] for fold in record["per_fold"]]) for f in (min, max)
-    ]
+    assert record.seeds == [0, 1] and [fold.recordings for fold in record.per_fold] == [6] * 4
+    assert [*record.range] == [f([fold.integer_accuracy for fold in record.per_fold]) for f in (min, max)]
 
 
 def test_recordings_of_one_group_are_one_draw_and_a_fold_of_several_hides_the_worst(gripped, monkeypatch):

@@ -5,49 +5,52 @@ import numpy as np
 from eskin.choose import doubts
 from eskin.golden.data import Recordings
 from eskin.training.evaluate import HeldBack
+from eskin.training.record import Baseline, Doubt, FoldShares, Nested, NetworkRow, Split
 from tests.eskin.choose.test_candidate import CONFIG
-from tests.support.result_case import evaluation
+from tests.support.result_case import but, evaluation, some
 from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
 
 
-SPLIT = {"groups": ["person"], "integer_accuracy": 0.9}
-NESTED = {"integer_accuracy": 0.85, "per_fold": 2 * [{"recordings": 141}], "range": [0.8, 0.908]}
-UNSEEN = SPLIT | {"nested": NESTED, "range": [0.7, 1.0]}
-BASELINE = {"groups": ["person"], "standard_error": 0.02, "hardware": True, "whole": False}
-BASELINE |= {"name": "linear classifier on the same features"}
-VECTORS = BASELINE | {"name": "RBF-SVM on the same features", "hardware": False}
-WHOLE = VECTORS | {"name": "linear classifier on whole recordings", "whole": True}
-LINEAR = {"cell": "linear", "hidden": 0, "accuracy": 0.9}
-SMALL, LARGE = ({"cell": "gru", "hidden": hidden, "accuracy": 0.91} for hidden in (8, 12))
-BEST_IS_LARGEST = [LINEAR, SMALL, LARGE | {"accuracy": 0.92}]
+SPLIT = some(Split, groups=["person"], integer_accuracy=0.9)
+NESTED = some(
+    Nested, integer_accuracy=0.85, per_fold=2 * [some(FoldShares, recordings=141)], range=[0.8, 0.908]
+)
+UNSEEN = but(SPLIT, nested=NESTED, range=[0.7, 1.0])
+BASELINE = some(Baseline, groups=["person"], standard_error=0.02, hardware=True, whole=False)
+BASELINE.name = "linear classifier on the same features"
+VECTORS = but(BASELINE, name="RBF-SVM on the same features", hardware=False)
+WHOLE = but(VECTORS, name="linear classifier on whole recordings", whole=True)
+LINEAR = some(NetworkRow, cell="linear", hidden=0, accuracy=0.9)
+SMALL, LARGE = (some(NetworkRow, cell="gru", hidden=hidden, accuracy=0.91) for hidden in (8, 12))
+BEST_IS_LARGEST = [LINEAR, SMALL, but(LARGE, accuracy=0.92)]
 NONE_BETTER = "no other candidate is better"
 
 
-def below(candidates, *scored, split=SPLIT) -> list[dict]:
+def below(candidates, *scored, split=SPLIT) -> list[Doubt]:
     """What is said of these baselines and their accuracies."""
-    rows = [baseline | {"accuracy": accuracy} for baseline, accuracy in scored]
+    rows = [but(baseline, accuracy=accuracy) for baseline, accuracy in scored]
     return doubts.below_baselines(split, rows, candidates)
 
 
-def by_choice(accuracy) -> list[dict]:
-    return doubts.by_choice(SPLIT | {"nested": NESTED | {"integer_accuracy": accuracy}})
+def by_choice(accuracy) -> list[Doubt]:
+    return doubts.by_choice(SPLIT, but(NESTED, integer_accuracy=accuracy))
 
 
-def lost(on_smooth, on_rough) -> list[dict]:
-    return doubts.lost_classes(SPLIT | {"confusion": [on_smooth, on_rough, [1, 0, 9, 0]]}, NAMES)
+def lost(on_smooth, on_rough) -> list[Doubt]:
+    return doubts.lost_classes(but(SPLIT, confusion=[on_smooth, on_rough, [1, 0, 9, 0]]), NAMES)
 
 
 @each_row(
     "found, code, parts",
     [
         (below(None), "", []),
-        (below(None, (BASELINE, 0.915), (BASELINE | {"groups": ["speed"]}, 0.99)), "", []),
+        (below(None, (BASELINE, 0.915), (but(BASELINE, groups=["speed"]), 0.99)), "", []),
         (below(None, (BASELINE, 0.925), (BASELINE, 0.91)), "below_baselines",
          ["with person left out, the ", "92.5 %", "90.0 %", "2.5 points", "`cell` auto"]),
         (below(BEST_IS_LARGEST, (BASELINE, 0.93)), "below_baselines", ["try `cell` gru `hidden` 16"]),
-        (below([LINEAR, SMALL, LARGE | {"accuracy": 0.85}], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
+        (below([LINEAR, SMALL, but(LARGE, accuracy=0.85)], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
         (below([LINEAR], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
         (below(None, (VECTORS, 0.939)), "", []),  # within two standard errors
         (below(BEST_IS_LARGEST, (VECTORS, 0.95)), "below_baselines",
@@ -55,7 +58,7 @@ def lost(on_smooth, on_rough) -> list[dict]:
         (below([LINEAR], (WHOLE, 0.95)), "below_baselines", [NONE_BETTER]),
         # what chose nothing beside what was chosen without the fold
         (below([LINEAR], (BASELINE, 0.905), (WHOLE, 0.9), split=UNSEEN), "below_baselines",
-         [WHOLE["name"], "the network 85.0 %, 5.0 points less"]),
+         [WHOLE.name, "the network 85.0 %, 5.0 points less"]),
         (below([LINEAR], (BASELINE, 0.905), split=UNSEEN), "", []),
         (below([LINEAR], (WHOLE, 0.9)), "", []),
         (by_choice(0.87), "", []),
@@ -71,9 +74,9 @@ def lost(on_smooth, on_rough) -> list[dict]:
     ],
 )  # fmt: skip
 def test_a_doubt_and_none_on_what_is_sound(found, code, parts):
-    assert [doubt["code"] for doubt in found] == [code] * bool(code)
-    assert all(part in sentence for sentence in doubts.sentences(found) for part in parts)
-    assert not code.startswith("below_b") or found[0]["groups"] == ["person"]
+    assert [doubt.code for doubt in found] == [code] * bool(code)
+    assert all(part in doubt.text for doubt in found for part in parts)
+    assert not code.startswith("below_b") or found[0].groups == ["person"]
 
 
 @each_row(
@@ -88,9 +91,9 @@ def test_a_doubt_and_none_on_what_is_sound(found, code, parts):
 def test_accuracy_that_climbs_to_the_end_is_doubted(steps, right, brief, doubted):
     rows = [(CONFIG.replace(steps=k), np.arange(100) < n) for k, n in ((steps, right), (2, brief), (6, 50))]
     found = doubts.still_climbing(rows)
-    assert [one["code"] for one in found] == ["still_climbing"] * doubted
-    assert all("record longer touches" in one["text"] for one in found)
-    assert all("the linear classifier that judges front ends" in one["text"] for one in found)
+    assert [doubt.code for doubt in found] == ["still_climbing"] * doubted
+    assert all("record longer touches" in doubt.text for doubt in found)
+    assert all("the linear classifier that judges front ends" in doubt.text for doubt in found)
     # what scans less often may begin later
     seldom = CONFIG.replace(steps=1, scan_every=2), rows[1][1]
     assert doubts.still_climbing([rows[0], seldom]) == []
@@ -110,14 +113,14 @@ def sessions(shift: float, groups: dict | None = None, each: int = 30) -> Record
 
 
 def test_neighbours_that_look_alike():
-    (one,) = doubts.look_alike(sessions(30.0), [], 5)
-    assert "neighbouring recordings look alike" in one["text"] and "an array in the archive" in one["text"]
+    (doubt,) = doubts.look_alike(sessions(30.0), [], 5)
+    assert "neighbouring recordings look alike" in doubt.text and "an array in the archive" in doubt.text
     groups = {"session": np.arange(90) % 5}
     assert doubts.look_alike(sessions(30.0, groups), ["session"], 5) == []  # a group was left out
     # what `run` would refuse is not advised
     refused = {"source_file": np.arange(90), "sensor": np.zeros(90), "one_class": np.arange(90) // 15}
-    assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0]["text"]
-    assert "`group` session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
+    assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0].text
+    assert "`group` session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0].text
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell

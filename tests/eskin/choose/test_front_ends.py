@@ -203,15 +203,13 @@ def test_a_part_is_searched_as_if_it_were_all_there_is(at_random, found):
 # ---------------------------------------------------------------------- choices whose truth is known
 def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     front_end = choose_front_end(gripped_recordings(5, 8, classes=4), priced())
-    chosen, rivals = (front_end.record()[name] for name in ("chosen", "rivals"))
-    assert (chosen["rest"], chosen["onset"]) == ("none", "immediate")
-    without = max(
-        row["accuracy"] for row in rivals if (row["rest"], row["onset"]) == ("initial", "immediate")
-    )
-    assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
+    chosen, rivals = front_end.record().chosen, front_end.record().rivals
+    assert (chosen.rest, chosen.onset) == ("none", "immediate")
+    without = max(row.accuracy for row in rivals if (row.rest, row.onset) == ("initial", "immediate"))
+    assert chosen.accuracy > 0.9 and without < chosen.accuracy - 0.3
     (doubt,) = front_end.doubts
-    assert doubt["code"] == "level_tells" and "level of the first 13 frames alone reveals" in doubt["text"]
-    assert f"removes this level classifies {100 * without:.1f} %" in doubt["text"]
+    assert doubt.code == "level_tells" and "level of the first 13 frames alone reveals" in doubt.text
+    assert f"removes this level classifies {100 * without:.1f} %" in doubt.text
 
 
 def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
@@ -224,8 +222,8 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     ):
         front_end = choose_front_end(replace(recordings, groups=groups), priced())
         (doubt,) = front_end.doubts
-        assert re.search(advice, doubt["text"]) and front_end.record()["split"] == split
-        assert front_end.record()["level_alone"] > 0.8
+        assert re.search(advice, doubt.text) and front_end.record().split == split
+        assert front_end.record().level_alone > 0.8
 
 
 def test_columns_of_mixed_ranges_have_a_scale_each_and_share_no_clip():
@@ -275,10 +273,10 @@ def test_lengths_from_one_to_three_seconds_are_windows_for_most():
 def test_touches_at_random_times_want_an_onset(found):
     assert found.config.onset_rule.onset == "baseline" and found.config.rest_level.rest != "none"
     record = found.record()
-    accuracy = record["chosen"]["accuracy"]
-    at_once = max(row["accuracy"] for row in record["rivals"] if row["onset"] == "immediate")
+    accuracy = record.chosen.accuracy
+    at_once = max(row.accuracy for row in record.rivals if row.onset == "immediate")
     assert accuracy > 0.9 and at_once < accuracy - 0.1
-    assert record["split"] == ["day"] and record["folds"] == 4
+    assert record.split == ["day"] and record.folds == 4
 
 
 def test_touches_of_any_length_want_windows_that_divide_them():
@@ -298,8 +296,8 @@ def test_touches_of_any_length_want_windows_that_divide_them():
 def test_classes_that_only_move_differently_want_activity():
     front_end = choose_front_end(moving(), priced())
     assert "activity" in front_end.config.features.feature_kinds
-    means = max(row["accuracy"] for row in front_end.record()["rivals"] if row["feature_kinds"] == ["mean"])
-    assert front_end.record()["chosen"]["accuracy"] > 0.9 > means
+    means = max(row.accuracy for row in front_end.record().rivals if row.feature_kinds == ["mean"])
+    assert front_end.record().chosen.accuracy > 0.9 > means
 
 
 def test_classes_that_only_reach_further_want_extremes():
@@ -339,11 +337,9 @@ def test_fewer_scans_keep_their_times_and_are_taken_where_they_suffice(at_random
     record = choose_front_end(
         archive(parts, at_random.labels[:24], sample_rate_hz=800.0, groups=groups), priced()
     ).record()
-    chosen = record["chosen"]
-    assert chosen["scan_every"] >= 4
-    assert chosen["energy_touch_j"] < min(
-        row["energy_touch_j"] for row in record["rivals"] if row["scan_every"] == 1
-    )
+    chosen = record.chosen
+    assert chosen.scan_every >= 4
+    assert chosen.energy_touch_j < min(row.energy_touch_j for row in record.rivals if row.scan_every == 1)
 
 
 # ---------------------------------------------------------------------- splits and refusals

@@ -50,7 +50,7 @@ def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
     def judged(requests):
         for request in requests.values():
             for one in request.candidates:
-                units = one.network["hidden"] or one.network["cell"]
+                units = one.network.hidden or one.network.cell
                 steps, recipe = one.config.windows.steps, one.recipe.name
                 requested.append((units, steps, recipe, request.share, request.other_seeds))
         return {
@@ -87,7 +87,7 @@ def started(on, front_ends, options, effort, rows, tests, **prices):
 
 def by_units(**right: int):
     """Of a candidate the recordings that networks of its units (``linear``: 0) have right."""
-    return lambda one: right[f"u{one.network['hidden']}"]
+    return lambda one: right[f"u{one.network.hidden}"]
 
 
 @each_row(
@@ -105,7 +105,7 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(right, first, others):
     asked, _, tried = played([CONFIG], by_units(**right))
     assert [units for units, *_, further in asked if units != "linear" and not further] == first
     assert {units for units, *_, further in asked if further} == others
-    units = {one: one.candidate.network["hidden"] for one in tried}
+    units = {one: one.candidate.network.hidden for one in tried}
     assert all(len(one.seeds) == 1 + 2 * (count in others) for one, count in units.items() if count)
 
 

@@ -93,9 +93,7 @@ def test_length_level_and_lead_in_tell_nothing(scene, config):
 def test_larger_networks_do_better_on_unseen_persons(scene, config):
     """Integers, leaving out persons: the linear cell at most 94 %, then GRU 4, then GRU 12."""
     linear, small, large = (
-        cross_validate(scene, network(config, cell, hidden), [["person"]], [0], folds=4)[0][
-            "integer_accuracy"
-        ]
+        cross_validate(scene, network(config, cell, hidden), [["person"]], [0], folds=4)[0].integer_accuracy
         for cell, hidden in (("linear", None), ("gru", 4), ("gru", 12))
     )
     assert linear < 0.88 < small < large - 0.02 and 0.955 < large < 1.0

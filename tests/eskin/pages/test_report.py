@@ -6,13 +6,16 @@ import os
 import re
 import shutil
 from html.parser import HTMLParser
+from typing import Any
 
 import pytest
 
-from eskin.choose.candidate import front_end_fields
+from eskin.choose.candidate import front_end_of
 from eskin.pages.report import AXES, draw_candidates, draw_lanes, fewer_scans, summary, write_report
+from eskin.pages.result import OnLanes
 from eskin.pages.views import count, hertz, percent, seconds, tables
-from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
+from eskin.training.record import CandidateRow, FrontEndRow, FrontEndRows
+from tests.support.result_case import CONFIG, FROZEN, STAGE_COUNTS, but, edit, make_result, some
 from tests.support.table import each_row, refused
 
 SPACE = "\u202f"
@@ -107,15 +110,14 @@ def test_the_banner_is_green_only_without_a_doubt(result):
 GATES = [{"mode": "slow ramp", "figure": 0.0, "bound": 0.0, "held": True}]
 
 
-def under_stress(held: bool) -> dict:
+def under_stress(held: bool) -> dict[str, Any]:
     """Of run.json: a candidate that was chosen, and what clean accuracy alone would choose, under two modes; and
     figures that the choice has not seen."""
     modes = [{"mode": "spikes", "figure": 0.99 if held else 0.5, "bound": 0.45, "held": held}]
-    row = dict(
-        cell="gru", hidden=4, recipe="onset", accuracy=0.97, standard_error=0.01, seeds=1, float_accuracy=0.97,
-        score=0.9, stressed_accuracy=0.83, robust=False, stress=modes, gate_modes=GATES, fits=None, decision_time_s=0.5,
-        energy_touch_j=1e-6, average_w=1e-6, cells=900, block_memories=9, latency_s=4e-6,
-        front_end=front_end_fields(CONFIG), front_end_words="made",
+    row = FROZEN["run"]["candidates"][0] | dict(
+        cell="gru", hidden=4, recipe="onset", accuracy=0.97, standard_error=0.01, float_accuracy=0.97, score=0.9,
+        stressed_accuracy=0.83, stress=modes, gate_modes=GATES, fits=None, decision_time_s=0.5, energy_touch_j=1e-6,
+        average_w=1e-6, cells=900, latency_s=4e-6, front_end=front_end_of(CONFIG).plain(), front_end_words="made",
     )  # fmt: skip
     figures = [modes[0] | {"figure": modes[0]["figure"] - 0.1}]
     return dict(
@@ -124,36 +126,39 @@ def under_stress(held: bool) -> dict:
     )  # fmt: skip
 
 
+def candidates() -> list[CandidateRow]:
+    """The rows of `under_stress`."""
+    return [CandidateRow(**row) for row in under_stress(True)["candidates"]]
+
+
 def test_the_chart_shows_the_cheapest_tied_front_end_of_each_scan_every():
     def row(every, accuracy, energy, level):
-        return {"scan_every": every, "accuracy": accuracy, "energy_touch_j": energy, "level": level}
+        return some(FrontEndRow, scan_every=every, accuracy=accuracy, energy_touch_j=energy, level=level)
 
     best, cheaper, poor = row(1, 0.99, 4e-6, True), row(1, 0.98, 2e-6, True), row(1, 0.9, 1e-6, False)
     less, least = row(8, 0.97, 2e-7, False), row(8, 0.95, 1e-7, False)
-    front_end = {"chosen": cheaper, "rivals": [best, poor, least, less]}
+    front_end = some(FrontEndRows, chosen=cheaper, rivals=[best, poor, least, less])
     assert fewer_scans(front_end) == [cheaper, less]
-    rows = under_stress(True)["candidates"]
-    rows[-1] |= dict(accuracy=0.4, stress=[])  # not judged under disturbance
+    rows = candidates()
+    rows[-1] = but(rows[-1], accuracy=0.4, stress=[])  # not judged under disturbance
     axes = draw_candidates(rows, front_end, [0.71, 0.3]).axes[0]
     assert {"1/1", "1/8"} <= {text.get_text() for text in axes.texts} and 0.3 < axes.get_ylim()[0] < 0.4
     # the line of the chosen one ends at the figures as they are, none turned round
     assert [0.71, 0.3] in [[*line.get_ydata()] for line in axes.lines if len(line.get_ydata()) == 2]
 
 
-LANES = [dict(lanes=lanes, latency_s=1e-4 / lanes, cells=600 + 35 * lanes) for lanes in (1, 2, 4)]
+LANES = [OnLanes(lanes=lanes, latency_s=1e-4 / lanes, cells=600 + 35 * lanes) for lanes in (1, 2, 4)]
 
 
 def test_accuracy_is_drawn_against_each_cost_and_cells_against_the_time_of_each_number_of_lanes():
-    rows = under_stress(True)["candidates"]
+    rows = candidates()
     for cost, place in (("energy_touch_j", 1.0), ("latency_s", 4.0), ("cells", 900)):
         (axes,) = draw_candidates(rows, cost=cost).axes
         (name,) = (text for text in axes.texts if text.get_text().startswith("chosen: GRU 4"))
         assert name.xy == (place, 0.97) and axes.get_xlabel().startswith(AXES[cost][0])
     (axes,) = draw_lanes(LANES, 2).axes
     line, filled = axes.lines
-    assert line.get_xydata().tolist() == [
-        [pytest.approx(1e6 * row["latency_s"]), row["cells"]] for row in LANES
-    ]
+    assert line.get_xydata().tolist() == [[pytest.approx(1e6 * row.latency_s), row.cells] for row in LANES]
     assert filled.get_xydata().tolist() == [[pytest.approx(50.0), 670]]
     assert [text.get_text() for text in axes.texts] == ["1", "2", "4"]
 
@@ -207,10 +212,9 @@ def test_the_weakest_disturbance_names_the_candidate_that_does_better_and_its_co
 
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
     training = json.loads((result / "model/training.json").read_text())
-    folds = [{"integer_accuracy": share} for share in (0.801, 0.95, 0.84)]  # of several persons each
     nested = dict(
         groups=["person"], folds=3, seeds=[0], integer_accuracy=0.8712, float_accuracy=0.8823, agreement=0.99,
-        standard_error=0.0345, wall_s=12.0, per_fold=folds, range=[0.701, 0.99],
+        standard_error=0.0345, wall_s=12.0, per_fold=[], range=[0.701, 0.99], disturbed={},
     )  # fmt: skip
     first, *others = training["cross_validation"]
     known = {"integer_accuracy": 0.975, "float_accuracy": 0.98, "folds": 5}
@@ -265,7 +269,7 @@ def test_a_changed_file_changes_the_page(words_before, result, file, change, exp
 
 
 def test_the_page_stands_alone_and_is_the_same_when_made_again(result):
-    edit(result / "run.json", **under_stress(True), lanes=LANES)
+    edit(result / "run.json", **under_stress(True), lanes=[row.plain() for row in LANES])
     path = write_report(result)
     first = path.read_bytes()
     assert write_report(result).read_bytes() == first
@@ -293,7 +297,7 @@ def test_the_page_stands_alone_and_is_the_same_when_made_again(result):
 def test_a_missing_field_is_named(result, name, field):
     whole = (result / name).read_bytes()
     edit(result / name, **{field: None})
-    with refused(rf"field of its files is missing .*{field}"):
+    with refused(rf"{name}, field {field}: field required"):
         write_report(result)
     (result / name).write_bytes(whole)
 

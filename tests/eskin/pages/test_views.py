@@ -18,7 +18,7 @@ def test_a_value_stays_in_its_cell():
 
 def test_a_figure_that_is_missing_is_no_empty_cell():
     with pytest.raises(jinja2.UndefinedError, match="recordings_looked_at"):
-        words("front_ends", rows=[], split=[])
+        words("front_ends", rows=[], front_ends={"split": []})
 
 
 def test_a_file_with_a_name_that_says_nothing_is_called_by_its_folder():

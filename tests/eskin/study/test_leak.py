@@ -73,7 +73,7 @@ def test_a_clean_scene_passes_and_touches_left_in_do_not():
     assert doubts.leaks(**vars(clean)) == []
     leaking = known_without_touch(integer, others, left_in=40)
     (doubt,) = doubts.leaks(**vars(leaking))
-    assert leaking.accuracy > leaking.limit and "reveals the class" in doubt["text"]
+    assert leaking.accuracy > leaking.limit and "reveals the class" in doubt.text
 
 
 def test_a_class_that_shows_before_the_touch_is_found():
@@ -91,7 +91,7 @@ def test_a_gate_that_opens_at_once_is_checked_by_the_first_frames():
     at_once = SMALL.replace(onset="immediate", rest="initial", clip=0)
     leak = known_from_first_frames(*trained(resting(), at_once.replace(rest="none", rest_frames=0)))
     assert leak.frames == 64 and leak.accuracy > leak.limit and leak.recordings == 30
-    assert "from their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0]["text"]
+    assert "from their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0].text
     clean = known_from_first_frames(*trained(resting(), at_once))
     assert clean.frames == 64 and clean.accuracy <= clean.limit
     # the touches tell it, and begin about there

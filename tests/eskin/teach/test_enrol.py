@@ -85,9 +85,9 @@ def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, old):
     assert (before := accuracy(model, REST)) < 0.7 and accuracy(tmp_path / "m", REST) > before + 0.1
     arrays = changed(model, tmp_path / "m")
     assert arrays > {"V", "b_y"} and not arrays & {"mean", "scale"}
-    assert result["after"] >= result["before"] and result["touches"] == EACH_TWO and result["passed"]
-    assert (result["old_after"] is None) == (old is None)
-    assert old is None or result["old_after"] >= result["old_before"] - 0.01
+    assert result.after >= result.before and result.touches == EACH_TWO and result.passed
+    assert (result.old_after is None) == (old is None)
+    assert old is None or result.old_after >= result.old_before - 0.01
 
 
 @each_row(
@@ -113,7 +113,7 @@ def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new
     monkeypatch.setattr(enrolling, "fit", lambda *_: [trained])
     monkeypatch.setattr(enrolling, "share_right", measure)
     result = enrol(model, FEW, tmp_path / "m", old=OLD if known else None)
-    assert result["passed"] is passed and (result["before"], result["after"]) == pytest.approx(new)
+    assert result.passed is passed and (result.before, result.after) == pytest.approx(new)
 
 
 # ---------------------------------------------------------------------- refusals
@@ -235,7 +235,7 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     assert before < 0.7 and after > before + 0.1
     assert accuracy(tmp_path / "m", OLD) >= accuracy(model, OLD) - 0.05
     assert changed(taught_ready, tmp_path / "m") == {"taught", "taught_count"}
-    assert result["touches"] == EACH_TWO == result["in_use"] and result["passed"]
+    assert result.touches == EACH_TWO == result.in_use and result.passed
     judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
     assert judged.agreement > 0.9, judged
     assert judged.float_accuracy >= after - 0.02

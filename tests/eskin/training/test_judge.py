@@ -45,12 +45,12 @@ def test_a_table_by_hand():
     assert table["integer"].tolist() == 12 * [0] and table["float"].tolist() == [0] * 6 + [1] * 6
     assert decisions.correct.tolist() == (LABELS == 0).tolist()
     record = decisions.record(RECORDINGS, ["day"], [0.5])
-    assert record["integer_accuracy"] == record["float_accuracy"] == record["agreement"] == 0.5
-    assert record["confusion"] == [[6, 0, 0], [6, 0, 0]] and record["decision_time_s"] == 0.5
-    assert record["integer_by_seed"] == [0.5, 0.5] and record["integer_spread"] == 0
-    first = record["per_fold"][0]
-    assert (first["held_out"], first["recordings"]) == ("day 0", 2)
-    assert first["by_seed"]["agreement"] == [1.0, 0.0]
+    assert record.integer_accuracy == record.float_accuracy == record.agreement == 0.5
+    assert record.confusion == [[6, 0, 0], [6, 0, 0]] and record.decision_time_s == 0.5
+    assert record.integer_by_seed == [0.5, 0.5] and record.integer_spread == 0
+    first = record.per_fold[0]
+    assert (first.held_out, first.recordings) == ("day 0", 2)
+    assert first.by_seed["agreement"] == [1.0, 0.0]
 
 
 def test_a_learner_sees_the_part_and_is_judged_on_the_rest():
@@ -70,5 +70,5 @@ def test_a_recording_without_a_decision_is_wrong_and_deciders_may_have_other_ste
     decisions = Decisions.of([*zip(folds, deciders, strict=True)], LABELS)
     assert decisions.local.shape == (2, 6, 3) and decisions.correct.tolist() == [0, 0, 1, 0, 1, 0]
     record = decisions.record(RECORDINGS, ["day"], [0.1, 0.2, 0.3])
-    assert [step["integer_accuracy"] for step in record["per_step"]] == pytest.approx([2 / 6, 2 / 6, 1 / 6])
-    assert record["confusion"] == [[1, 1, 1], [1, 1, 1]]
+    assert [step.integer_accuracy for step in record.per_step] == pytest.approx([2 / 6, 2 / 6, 1 / 6])
+    assert record.confusion == [[1, 1, 1], [1, 1, 1]]

@@ -12,7 +12,6 @@ from eskin.golden.model import (
     IntegerModel,
     find_touches,
     load_config,
-    load_training,
     normalise,
     real_features,
     run,
@@ -32,6 +31,7 @@ from eskin.training.quantise import (
     quantise_model,
     range_records,
 )
+from eskin.training.record import Training, training_of
 from tests.golden.model.test_cells import CELLS
 from tests.support.folder import contents
 from tests.support.random_models import random_float_model
@@ -46,7 +46,7 @@ def float_model(config=SMALL, seed=0):
 def saved(folder, config=SMALL):
     recordings, model = scene(20, seed=1), float_model(config)
     seen = profile(model, find_touches(config, recordings))
-    model.save(folder, {"ranges": range_records(config, seen), "config": config.to_dict()})
+    model.save(folder, Training(ranges=range_records(config, seen), config=config.to_dict()))
     return recordings
 
 
@@ -101,7 +101,7 @@ def test_quantise_writes_the_integers_into_the_folder(tmp_path):
     recordings = saved(folder)
     integer = quantise(folder, recordings)
     assert load_config(folder) == integer.config
-    record = {entry["signal"]: entry["format"] for entry in load_training(folder)["ranges"]}
+    record = {entry.signal: entry.format for entry in training_of(folder).ranges}
     assert record["state"] == "SQ(2,12)" and record["logit"] == str(integer.config.formats.logit_format)
     # ranges noted at training give the same integers without the recordings
     without = quantise(folder)

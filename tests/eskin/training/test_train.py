@@ -181,7 +181,7 @@ def test_no_group_is_on_both_sides(monkeypatch):
     results = cross_validate(recordings, SMALL, [["person"], []], (0, 1), recipe=few(1))
     data, _, _, parts, *_ = noted["fit_networks"].call_args.args
     profiled = [call.args[2] for call in noted["post_training"].call_args_list]
-    assert noted["fit_networks"].call_count == 1 and [r["folds"] for r in results] == [5, 5]
+    assert noted["fit_networks"].call_count == 1 and [r.folds for r in results] == [5, 5]
     assert len(parts) == len(profiled) == len(judged) == 2 * (5 + 5)
     person, everyone = recordings.groups["person"], set(range(60))
     for number, (rows, test) in enumerate(zip(parts, judged, strict=True)):
@@ -266,7 +266,7 @@ def test_accuracy_on_real_recordings(shared_data, name, shares, agreement):
     splits = [[group] for group in shares if group] or default_splits(recordings, config)
     results = cross_validate(recordings, config, splits, (0, 1, 2))
     for result, share in zip(results, shares.values(), strict=True):
-        assert result["integer_accuracy"] >= share and result["agreement"] >= agreement
+        assert result.integer_accuracy >= share and result.agreement >= agreement
 
 
 # ---------------------------------------------------------------------- the fault detector's masks
@@ -292,9 +292,9 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
             np.testing.assert_array_equal(decision, trace.decision[test])
             np.testing.assert_array_equal(local, trace.first_local()[test])
     (record,) = cross_validate(recordings, DETECTING, [["person"]], (0,), recipe=few(15))
-    for fold, network, test in zip(record["per_fold"], trained, folds, strict=True):
+    for fold, network, test in zip(record.per_fold, trained, folds, strict=True):
         own = run(network.integer, recordings.subset(test)).accuracy(recordings.labels[test])
-        assert fold["integer_accuracy"] == pytest.approx(own)
+        assert fold.integer_accuracy == pytest.approx(own)
 
 
 def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
+from eskin.golden.model import FloatModel, float_images, images_of, run_images
 from eskin.jobs import Jobs
 from eskin.memo import Memo
 from eskin.training import image_models
@@ -19,10 +19,12 @@ from eskin.training.image_models import CANDIDATES, _candidate_rows, image_confi
 from eskin.training.integers import quantise
 from eskin.training.judge import folds_of, judge
 from eskin.training.made_up import random_images
+from eskin.training.record import Split, training_of
 from eskin.training.settings import TrainingSettings
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
+from tests.support.result_case import some
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
 QUICK = ImageRecipe(epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1)
@@ -105,10 +107,10 @@ def test_other_scales_inside_leave_the_function_and_lose_less(trained):
 
 def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     out, scene, record = folder
-    (split,) = record["cross_validation"]
-    assert split["folds"] == 2 and 0.6 < split["integer_accuracy"] <= 1 and split["agreement"] > 0.9
+    (split,) = record.cross_validation
+    assert split.folds == 2 and 0.6 < split.integer_accuracy <= 1 and split.agreement > 0.9
     integer = quantise(out)
-    assert integer.config.weight_bits == 8 and load_training(out)["ranges"].keys() == {"0", "2", "4"}
+    assert integer.config.weight_bits == 8 and training_of(out).ranges.keys() == {"0", "2", "4"}
     result = evaluate(out, scene)
     assert result.recordings == 60 and result.passed and len(result.stages) == 3
     assert result.logit_error.stage in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
@@ -153,6 +155,6 @@ def test_auto_takes_the_smallest_that_is_level():
         ((0.96, 0.9, 0.9), "tactnet"),
     ]:
         correct = [(np.arange(400) < 400 * share).astype(float) for share in shares]
-        said = [{"float_accuracy": share, "agreement": 1.0} for share in shares]
+        said = [some(Split, float_accuracy=share, agreement=1.0) for share in shares]
         rows = _candidate_rows(candidates, said, correct, 1)
-        assert [each["cell"] for each in rows if each["chosen"]] == [taken]
+        assert [each.cell for each in rows if each.chosen] == [taken]

@@ -79,7 +79,7 @@ def test_a_model_folder(tmp_path):
     record = train(recordings, CONFIG, out=tmp_path / "model", seed=1)
     integer = quantise(tmp_path / "model", recordings)
     nodes = integer.config.forest.nodes
-    assert record["config"]["forest"]["nodes"] == nodes > 6 and record["parameters"] == 2 * nodes + 6
+    assert record.config["forest"]["nodes"] == nodes > 6 and record.parameters == 2 * nodes + 6
     again = quantise(tmp_path / "model")  # by the noted ranges
     assert all(np.array_equal(again.arrays[name], integer.arrays[name]) for name in integer.arrays)
     found = evaluate(tmp_path / "model", recordings)

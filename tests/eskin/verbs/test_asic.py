@@ -58,18 +58,18 @@ def check(tmp_path, monkeypatch, cells, *, measured):
     netlist = synthesise(Words(), process, tmp_path / "words", top=asic.TOP)
     monkeypatch.setattr(asic, "netlist_of", lambda *_, **__: netlist)
 
-    def said() -> tuple[dict, str]:
+    def said() -> tuple[asic.Chip, str]:
         result, _ = asic.asic(model, "ihp-sg13g2", paths)
-        return result, dict(next(views.tables(views.words("asic", **result))).cells)["highest clock"]
+        return result, dict(next(views.tables(views.words("asic", **dict(result)))).cells)["highest clock"]
 
     if measured:
         result, words = said()
-        assert "OpenSTA, wire load 10k" in words and result["fmax_hz"]["typ"] > result["fmax_hz"]["slow"]
+        assert "OpenSTA, wire load 10k" in words and result.fmax_hz["typ"] > result.fmax_hz["slow"]
         return
     monkeypatch.setattr(timing.shutil, "which", lambda _: None)
     without, words = said()
-    assert "sudo apt-get install opensta" in words and without["fmax_hz"] == {"typ": None, "slow": None}
+    assert "sudo apt-get install opensta" in words and without.fmax_hz == {"typ": None, "slow": None}
     monkeypatch.undo()
     monkeypatch.setattr(asic, "netlist_of", lambda *_, **__: netlist)
     no_slow, _ = asic.asic(model, "ihp-sg13g2", [path for path in paths if "slow" not in path.name])
-    assert no_slow["fmax_hz"]["slow"] is None and "slow: no file of cells" in asic.words("asic", **no_slow)
+    assert no_slow.fmax_hz["slow"] is None and "slow: no file of cells" in asic.words("asic", **dict(no_slow))

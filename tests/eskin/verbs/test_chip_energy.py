@@ -91,11 +91,11 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
         joule[row - 1 : row + 1] += step / 2
     found = asic.summary(CONFIG, decisions, np.full(frames, 50), joule, 100, 1e-14, 4e-6, 627e3)
     period, rate = 627e3 / 3000, 3000
-    assert found["step_j"] == pytest.approx(step)
+    assert found.step_j == pytest.approx(step)
     still = 1e-14 * (period - 50)
-    assert found["interval_j"] == pytest.approx(50 * (plain + still) + step + 4e-6 * 50 / rate)
-    assert found["idle_w"] == pytest.approx(4e-6 + rate * (quiet + still))
-    assert found["average_w"] == pytest.approx(found["idle_w"] + 4 * step)
+    assert found.interval_j == pytest.approx(50 * (plain + still) + step + 4e-6 * 50 / rate)
+    assert found.idle_w == pytest.approx(4e-6 + rate * (quiet + still))
+    assert found.average_w == pytest.approx(found.idle_w + 4 * step)
 
 
 def test_recordings_may_end_with_their_touch():
@@ -125,10 +125,10 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     nets, wire = Nets(netlist.module, process.cells), process.library.wire_loads["10k"]
     played = partial(asic.measured, model, nets, process.library.voltage, wire, 1e-6, case.recordings)
     whole = played()
-    assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
+    assert whole.bit_exact and whole.compared_values > 3 and whole.step_j > 0
     if rom:  # another model's weights are not in this chip
         other = replace(random_integer_model(case.config, 6), config=case.config)
-        assert not asic.measured(other, *played.args[1:])["bit_exact"]
+        assert not asic.measured(other, *played.args[1:]).bit_exact
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     how = Simulation(
         level="netlist", target="asic", pdk="ihp-sg13g2", liberty=list(paths), rom=rom, cocotb=()

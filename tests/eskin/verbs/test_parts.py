@@ -6,6 +6,7 @@ import re
 import pytest
 
 from eskin.exchange import plain_c
+from eskin.pages.result import PartNeed
 from eskin.pages.views import tables, words
 from eskin.verbs import cost
 from eskin.verbs.parts import BOARDS, COMPILERS, parts_of
@@ -32,6 +33,7 @@ def test_every_part_has_a_row_of_figures_that_exist(kind):
         else random_integer_model(TRACKED.replace(**fields), 1)
     )
     rows = {row.part: row for row in parts_of(model)}
+    assert all(row.plain().keys() == PartNeed.model_fields.keys() for row in rows.values())
     assert len(rows) == len(BOARDS) + len(COMPILERS) * (kind != "prototypes")  # which C does not have
     ice, ecp, gowin, *processors = rows.values()
     price = cost.cost_of(model.config)

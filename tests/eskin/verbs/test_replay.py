@@ -159,10 +159,10 @@ def test_the_rate_and_the_lanes_are_the_builds(replay, model, recordings, tmp_pa
 
 def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = {"link": "was built with --no-link", "baud": "is not a record of 'eskin build'"}
-    for name, sentence in said.items():
+    said = {"link": (False, "was built with --no-link"), "baud": (None, "build.json, field baud: ")}
+    for name, (value, sentence) in said.items():
         shutil.rmtree(tmp_path / "model/board")
-        built(tmp_path / "model/board", **{name: None})
+        built(tmp_path / "model/board", **{name: value})
         assert sentence in replay("port")[2]
     built(tmp_path / "model/other")
     status, out, errors = replay("port")

@@ -15,12 +15,13 @@ from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.model import IntegerModel, find_touches
 from eskin.rtl.fpga.generate import MARK
+from eskin.training.record import Doubt
 from eskin.verbs import run_job
 from eskin.verbs.run import RunRequest
 from tests.support import result_case
 from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
-from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
+from tests.support.result_case import CONFIG, but, cosimulation, evaluation, float_model, training_record
 from tests.support.table import each_row, refused
 from tests.test_imports import beyond
 
@@ -40,7 +41,7 @@ class Chain:
         self.stop_at = ""
         self.stop: type[BaseException] = KeyboardInterrupt
         self.no_clock = False
-        self.doubts: list[dict] = []
+        self.doubts: list[Doubt] = []
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
             "load_recordings": lambda data, **_: self.recordings,
@@ -68,7 +69,7 @@ class Chain:
     def train(self, loaded, asked, prices, request, *, progress, **network):
         self.call("train")
         progress("training", 1, 2)
-        float_model().save(request.out, training_record(loaded) | {"doubts": self.doubts})
+        float_model().save(request.out, but(training_record(loaded), doubts=self.doubts))
 
     def quantise(self, folder, recordings=None):
         self.call("quantise")
@@ -150,13 +151,13 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
     files = "run.json evaluate.json cosim.json cosim_declared.json cosim_lowest.json model rtl report.html"
     assert {path.name for path in out.iterdir()} == {*files.split()}
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-    assert record["passed"] and record == json.loads((out / "run.json").read_text())
-    assert record["cosimulated"] == list(range(12)) and record["lowest_clock_hz"] == 711e3
-    assert record["average_w"] == record["power"]["average_w"] > record["power"]["waiting_w"] > 0
-    stages = [timing["stage"] for timing in record["timings"]]
+    assert record.passed and record.plain() == json.loads((out / "run.json").read_text())
+    assert record.cosimulated == list(range(12)) and record.lowest_clock_hz == 711e3
+    assert record.average_w == record.power.average_w > record.power.waiting_w > 0
+    stages = [timing.stage for timing in record.timings]
     assert stages[:4] == ["training", "quantisation", "evaluation", "other classifiers"]
     assert stages[4:] == ["Verilog", "co-simulation", "pace of the sensor", "lowest clock"]
-    assert not any(timing["cached"] for timing in record["timings"])
+    assert not any(timing.cached for timing in record.timings)
 
 
 @pytest.mark.parametrize(
@@ -172,10 +173,8 @@ def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(c
     assert contents(out) == before
     record = run(out)
     assert chain.calls == ORDER[ORDER.index(stage) :]
-    assert [timing["cached"] for timing in record["timings"]] == [
-        name not in chain.calls for name in ORDER[:-1]
-    ]
-    assert record["data"]["recordings"] == 10
+    assert [timing.cached for timing in record.timings] == [name not in chain.calls for name in ORDER[:-1]]
+    assert record.data.recordings == 10
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
@@ -242,8 +241,8 @@ def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
     cut_at(chain, tmp_path / "run", "lowest")
     record = run(tmp_path / "run", recordings="4")
     assert "train" not in chain.calls and "cosim" in chain.calls
-    assert record["cosimulated"] == chain.recordings.evenly(4).tolist()
-    assert chain.played["cosim"][0] == record["cosimulated"]
+    assert record.cosimulated == chain.recordings.evenly(4).tolist()
+    assert chain.played["cosim"][0] == record.cosimulated
 
 
 def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
@@ -260,13 +259,13 @@ def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
     for name, changes in cases.items():
         vars(chain).update(usual | changes)
         record = run(tmp_path / "run")
-        failed = [check["name"] for check in record["checks"] if not check["held"]]
+        failed = [check.name for check in record.checks if not check.held]
         differs = "equals" in name
-        assert not record["passed"] and name in failed[0], (name, failed)
+        assert not record.passed and name in failed[0], (name, failed)
         assert len(failed) == 1 + differs, (name, failed)
         assert ("lowest" in chain.played) != differs, "no clock mends what differs"
         chain.played.clear()
-    assert record["lowest_clock_hz"] is None and not (tmp_path / "run/cosim_lowest.json").exists()
+    assert record.lowest_clock_hz is None and not (tmp_path / "run/cosim_lowest.json").exists()
 
 
 def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
@@ -306,17 +305,17 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
         if seen:
             held = replace(loaded, source="held")
         record = run(tmp_path / f"run{seen}", test="held")
-        assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == seen
-        assert any("held back" in sentence for sentence in record["warnings"]) == bool(seen)
-        assert record["passed"]
+        assert record.test.source == "held" and record.test.seen_in_training == seen
+        assert any("held back" in sentence for sentence in record.warnings) == bool(seen)
+        assert record.passed
     # one rule as `evaluate` has it, and a figure below what was quoted
     worse = evaluation(12, agreement=0.979, integer=0.7)
     judge.side_effect = lambda folder, loaded: worse if loaded.source == "held" else chain.evaluation
     record = run(tmp_path / "worse", test="held")
-    assert [check["name"] for check in record["checks"] if not check["held"]] == [
+    assert [check.name for check in record.checks if not check.held] == [
         "integer and float network agree, recordings held back"
     ]
-    assert not record["passed"] and "below_range" in {one["code"] for one in record["doubts"]}
+    assert not record.passed and "below_range" in {one.code for one in record.doubts}
     judge.side_effect = None
     assert [call.args[1].source for call in judge.call_args_list].count("held") == 3
     held = replace(loaded, class_names=("a", "b"))
@@ -333,7 +332,7 @@ def test_two_runs_at_once_are_refused(chain, tmp_path):
         with refused("another run"):
             run(tmp_path / "run")
     assert not chain.calls
-    assert run(tmp_path / "run")["passed"]
+    assert run(tmp_path / "run").passed
 
 
 def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):

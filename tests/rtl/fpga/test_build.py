@@ -14,14 +14,17 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
+from eskin.golden.core import write_json
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
+from eskin.training.record import Disturbed, ModeFigure, Nested
 from eskin.verbs import build as job
+from tests.support import result_case
 from tests.support.random_models import random_integer_model
-from tests.support.result_case import CONFIG
+from tests.support.result_case import CONFIG, some
 from tests.support.small_designs import SMALL, with_converter
 from tests.support.table import each_row, refused
 
@@ -113,9 +116,13 @@ def test_a_rate_that_a_model_does_not_hold_is_refused_where_its_own_oscillator_s
         (False, "icebreaker", 2),
         (False, "ulx3s", 1),  # its clock never stops
     ):
-        row = {"mode": job.RATE_MODE, "figure": 0.803, "bound": 0.93, "held": holds}
-        nested = {"disturbed": {"stress": [row]}} if holds is not None else None
-        (folder / "model/training.json").write_text(json.dumps({"cross_validation": [{"nested": nested}]}))
+        record = result_case.training_record(result_case.recordings())
+        row = ModeFigure(mode=job.RATE_MODE, figure=0.803, bound=0.93, held=bool(holds))
+        split = record.cross_validation[0]
+        split.nested = Nested(
+            **split.plain(), disturbed=Disturbed(stress=[row] * (holds is not None)), wall_s=1
+        )
+        write_json(folder / "model/training.json", record)
         status, _, err = call("--target", board, *words)
         assert status == expected and ("80.3 % where 93.0 % are asked" in err) == (status == 2), err
     (folder / "model/training.json").unlink()
@@ -208,7 +215,7 @@ BLOCKS_SHORT = [
 PLACED = SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
 
 
-def stand_ins(monkeypatch, place, made=lambda config: None, result=lambda *_: {}) -> None:
+def stand_ins(monkeypatch, place, made=lambda config: None, result=lambda *_: some(job.Build)) -> None:
     """In place of synthesis ``made(config)``, of placement ``place``, of the record ``result``."""
     monkeypatch.setattr(
         job, "cached_netlist", lambda design, *_, **__: (SimpleNamespace(verilog=None), design())
@@ -240,7 +247,7 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, requested, t
             raise DoesNotFit(short[made[-1]])
         return PLACED
 
-    lanes = lambda config, *_: {"lanes": config.hardware.lanes}
+    lanes = lambda config, *_: some(job.Build, lanes=config.hardware.lanes)
     stand_ins(monkeypatch, place, lambda config: made.append(config.hardware.lanes), lanes)
     if tried[-1] in short:
         with pytest.raises(job.BuildError, match="too many") as refused:
@@ -248,10 +255,10 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, requested, t
         assert ("--lanes" in str(refused.value)) == requested
     else:
         result = job.build(request)[0]
-        assert result["lanes"] == tried[-1] and result["lanes_chosen_by"] == "fit"
+        assert result.lanes == tried[-1] and result.lanes_chosen_by == "fit"
         what, (needed, available) = next(iter(short[tried[0]].items()))
-        assert result["lanes_too_many"]["lanes"] == tried[0]
-        assert f"{needed} {what} of {available}" in result["lanes_too_many"]["needs"]
+        assert result.lanes_too_many.lanes == tried[0]
+        assert f"{needed} {what} of {available}" in result.lanes_too_many.needs
     assert made == tried
 
 
@@ -274,7 +281,7 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(
             fmax_hz=99.0 - seed, bitstream=seed, seed=seed, hold_errors=errors.get(seed, 0)
         )
 
-    taken_by = lambda *given: {"taken": [placement.seed for placement in given[4]]}
+    taken_by = lambda *given: some(job.Build, seeds=[placement.seed for placement in given[4]])
     stand_ins(monkeypatch, place, result=taken_by)
     request = asked_for(CONFIG, seeds=seeds)
     if not chosen:
@@ -284,8 +291,8 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(
             job.build(request)
         return
     result, bitstream, *_ = job.build(request)
-    assert result["taken"] == chosen and bitstream == chosen[0]
-    assert {seed: why[0] for seed, why in result["not_taken"].items()} == {
+    assert result.seeds == chosen and bitstream == chosen[0]
+    assert {seed: why[0] for seed, why in result.not_taken.items()} == {
         str(seed): str(count or "n") for seed, count in errors.items()
     }
 

@@ -30,9 +30,11 @@ from eskin.study.stability.panel import OTHER_SEED, PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.judge import Fold
 from eskin.training.recipe import RECIPES
+from eskin.training.record import Disturbed
 from eskin.training.settings import TrainingSettings
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
+from tests.support.result_case import but
 from tests.support.table import each_row, refused
 
 MASKED = "one taxel stuck at full scale, masked, worst"
@@ -51,13 +53,13 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
     wrong = panel.wrong(bench.config, bench.model, np.arange(len(bench.recordings)))
     suite = replace(bench, few=len(bench.recordings))
     found = panel.figures(panel.cases(bench.config, wrong), bench.clean_accuracy)
-    assert [row["mode"] for row in found["gate_modes"]] == [*PANEL[:3]]
-    figures = found["gate_modes"] + found["stress"]
-    assert [row["mode"] for row in figures] == names
+    assert [row.mode for row in found.gate_modes] == [*PANEL[:3]]
+    figures = [*found.gate_modes, *found.stress]
+    assert [row.mode for row in figures] == names
     for row in figures:
-        mode = MODES[row["mode"]]
-        assert row["figure"] == pytest.approx(mode.run(suite).value), row["mode"]
-        assert row["bound"] == mode.bound(suite) and row["held"] == mode.holds(row["figure"], row["bound"])
+        mode = MODES[row.mode]
+        assert row.figure == pytest.approx(mode.run(suite).value), row.mode
+        assert row.bound == mode.bound(suite) and row.held == mode.holds(row.figure, row.bound)
     told = ~np.isnan(wrong)
     assert told.mean(axis=1).max() == 1 and 0 < np.nanmean(panel.stressed(bench.config, wrong)) <= 1
     wrong[3:] = 1  # a gate that stays shut is no decision: a network that is always wrong has none right
@@ -81,17 +83,17 @@ def test_what_a_choice_has_not_seen_is_other_recordings_under_other_disturbances
         networks.append((Fold(np.array([]), np.arange(fold, 36, folds), 0, fold), network))
     found = panel.unseen(decisions(networks, np.ones(36)))
     rows = np.setdiff1d(np.arange(36), panel.brief.rows)
-    figures = {row["mode"]: row["figure"] for row in found["stress"] + found["gate_modes"]}
-    assert len(rows) == 20 and figures.keys() == set(PANEL) and found["stress_modes"] == len(PANEL) - 3
+    figures = {row.mode: row.figure for row in found.modes}
+    assert len(rows) == 20 and figures.keys() == set(PANEL) and found.stress_modes == len(PANEL) - 3
     if folds == 1:
         suite = replace(bench, recordings=scene.subset(rows), few=len(rows), seed=OTHER_SEED)
         assert figures == pytest.approx({name: MODES[name].run(suite).value for name in PANEL})
         assert suite.rng(3).random() != bench.rng(3).random()
     right = np.arange(36) % folds > 0.0  # where nothing is right there may be no touch to disturb
-    assert panel.unseen(decisions(networks, right))["stressed_accuracy"] <= np.mean(right[rows])
+    assert panel.unseen(decisions(networks, right)).stressed_accuracy <= np.mean(right[rows])
 
 
-class Disturbed:
+class HalfDisturbed:
     """Stress on every second recording: of each network the recordings that it has right."""
 
     def stressed(self, config, wrong, gates=False):
@@ -101,8 +103,8 @@ class Disturbed:
         return {"m": wrong}
 
     def figures(self, wrong, accuracy):
-        row = {"mode": "m", "figure": float(np.nanmean(1 - wrong["m"])), "bound": 0.9, "held": False}
-        return {"stress": [row], "gate_modes": []}
+        figure = float(np.nanmean(1 - wrong["m"]))
+        return Disturbed(stress=[{"mode": "m", "figure": figure, "bound": 0.9, "held": False}])
 
 
 def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> ScoredCandidate:
@@ -110,7 +112,7 @@ def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> Scored
     correct = (np.arange(count) < count * right / 1000).astype(float)
     wrong = np.where(np.arange(count) % 2, np.nan, np.arange(count) >= count * disturbed / 1000)[None]
     candidate = Candidate(stability_case.CONFIG, config, RECIPES["onset"])
-    return ScoredCandidate(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
+    return ScoredCandidate(candidate, correct, stress=HalfDisturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
 
 
 def energy(dear: float, power: float = 1.0):
@@ -119,7 +121,7 @@ def energy(dear: float, power: float = 1.0):
     def cost_of(config: AcceleratorConfig) -> Cost:
         joule, watt = (dear, power) if config.network.hidden == 8 else (1.0, 1.0)
         cells = 30  # as many for both
-        return replace(cost_by_size(config), energy_touch_j=1e-6 * joule, average_w=1e-4 * watt, cells=cells)
+        return but(cost_by_size(config), energy_touch_j=1e-6 * joule, average_w=1e-4 * watt, cells=cells)
 
     return priced(cost_of=cost_of)
 
@@ -141,7 +143,7 @@ def test_the_cheapest_level_one_is_taken_and_costs_no_more_than_the_rule_says(
 ):
     first, sturdy, prices = judged(4, 1000, fragile), judged(8, right, disturbed), energy(dear, power)
     assert (first.score, sturdy.score) == pytest.approx((0.5 + fragile / 2000, (right + disturbed) / 2000))
-    assert first.scores.mean() == first.score and first.worst == {"mode": "m", "figure": fragile / 1000}
+    assert first.scores.mean() == first.score and first.worst.figure == fragile / 1000
     assert dear == 1 or choose([first, sturdy], prices) is first
     assert choose_stable([first, sturdy], first, prices) is (sturdy if taken else first)
 
@@ -166,7 +168,7 @@ def test_a_tie_goes_to_a_candidate_that_is_beyond_in_hardly_more_modes(monkeypat
 def gate_costs(config: AcceleratorConfig) -> Cost:
     """A clip costs something here, and a gate that is always open or a recurrent cell too much."""
     dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 4 * (config.opens_at_once or config.recurrent))
-    return replace(cost_by_size(config), energy_touch_j=dear, average_w=1e-4)
+    return but(cost_by_size(config), energy_touch_j=dear, average_w=1e-4)
 
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
@@ -177,27 +179,24 @@ def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tm
     calm, heeded = (
         train_chosen(scene, None, priced(cost_of=gate_costs), request, stress=of) for of in (None, panel)
     )
-    (plain,), (taken,) = ([row for row in rec["candidates"] if row["chosen"]] for rec in (calm, heeded))
-    assert plain["energy_touch_j"] == 1e-6 and plain["front_end"]["clip"] == 0 and not plain["stress"]
-    assert plain["score"] == plain["accuracy"] > 0.95
-    assert taken["energy_touch_j"] > 1e-6 and taken["front_end"]["clip"] > 0
-    assert taken["accuracy"] > 0.95 and taken["stressed_accuracy"] > 0.8
-    refused = min(
-        (row for row in heeded["candidates"] if row["stress"]), key=lambda row: row["energy_touch_j"]
-    )
-    assert refused["energy_touch_j"] == 1e-6 and refused["worst"]["mode"].startswith("one-sample glitch")
-    assert refused["accuracy"] > 0.95 and refused["score"] < taken["score"] - 0.05
-    unseen, without = (rec["cross_validation"][0]["nested"]["disturbed"] for rec in (heeded, calm))
-    fails = where_it_fails(heeded["candidates"], unseen)
-    assert {row["mode"] for row in fails["rows"]} == set(panel.weights)
-    assert unseen["stressed_accuracy"] > 0.5 and where_it_fails(calm["candidates"], without) is None
+    (plain,), (taken,) = ([row for row in rec.candidates if row.chosen] for rec in (calm, heeded))
+    assert plain.energy_touch_j == 1e-6 and plain.front_end.clip == 0 and not plain.stress
+    assert plain.score == plain.accuracy > 0.95
+    assert taken.energy_touch_j > 1e-6 and taken.front_end.clip > 0
+    assert taken.accuracy > 0.95 and taken.stressed_accuracy > 0.8
+    refused = min((row for row in heeded.candidates if row.stress), key=lambda row: row.energy_touch_j)
+    assert refused.energy_touch_j == 1e-6 and refused.worst.mode.startswith("one-sample glitch")
+    assert refused.accuracy > 0.95 and refused.score < taken.score - 0.05
+    unseen, without = (rec.cross_validation[0].nested.disturbed for rec in (heeded, calm))
+    fails = where_it_fails(heeded.candidates, unseen)
+    assert {row.mode for row in fails.rows} == set(panel.weights)
+    assert unseen.stressed_accuracy > 0.5 and where_it_fails(calm.candidates, without) is None
     moved = [
-        "another front end than the linear classifier: tracked" in rec["reasons"][-1]
-        for rec in (calm, heeded)
+        "another front end than the linear classifier: tracked" in rec.reasons[-1] for rec in (calm, heeded)
     ]
     assert moved == [False, True]
-    assert heeded["front_end"]["chosen"]["clip"] == taken["front_end"]["clip"]
-    assert heeded["cross_validation"][0]["nested"]["integer_accuracy"] > 0.9
+    assert heeded.front_end.chosen.clip == taken.front_end.clip
+    assert heeded.cross_validation[0].nested.integer_accuracy > 0.9
 
 
 def test_a_sturdier_gate_is_not_opened_by_a_glitch():
