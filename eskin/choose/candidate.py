@@ -124,10 +124,11 @@ class ScoredCandidate:
     @property
     def config(self) -> AcceleratorConfig:
         """The design; of trees with the sizes of the largest that were fitted."""
-        fitted = [network.integer.config for _, network in self.decisions.fitted] if self.decisions else []
-        if self.candidate.config.is_forest and fitted:
-            return self.candidate.config.replace(nodes=max(config.forest.nodes for config in fitted))
-        return self.candidate.config
+        config = self.candidate.config
+        if not config.is_forest or self.decisions is None:
+            return config
+        sizes = [network.integer.config.forest.nodes for _, network in self.decisions.fitted]
+        return config.replace(nodes=max(sizes))
 
     @property
     def is_linear(self) -> bool:

@@ -582,10 +582,12 @@ class Listed:
 
     @property
     def for_recurrent(self) -> list[AcceleratorConfig]:
-        """TRIED_RECURRENT at most, the one taken first. A recurrent cell decides during the touch."""
+        """TRIED_RECURRENT at most, the one taken first. A recurrent cell decides during the touch, and can keep an
+        extreme in its state: with extremes pvdf lost 3 points at a new speed."""
         at = self.during or self
-        order = (at.taken, at.smaller[0], *at.rivals, *at.smaller)
-        return list(dict.fromkeys(order))[:TRIED_RECURRENT]
+        order = dict.fromkeys((at.taken, at.smaller[0], *at.rivals, *at.smaller))
+        plain = [on for on in order if {*EXTREMES}.isdisjoint(on.features.feature_kinds)]
+        return (plain or [*order])[:TRIED_RECURRENT]
 
 
 def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
@@ -814,10 +816,10 @@ def features(
         kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
+    if extremes:
+        kinds += [(("mean", *EXTREMES), ("sum", 1))]
     if not config.follows_touch:  # there activity makes a lost taxel worse
         kinds += [(("mean", "integral"), ("sum", 1))]
-    elif extremes:  # on other windows they cost accuracy where the speed of touches is new
-        kinds += [(("mean", *EXTREMES), ("sum", 1))]
     candidates = []
     for kind, (rule, length) in kinds:
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
