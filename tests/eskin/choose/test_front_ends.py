@@ -182,6 +182,24 @@ def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_the_
     assert found.taken == taken and list(found.smaller) == smaller
     assert found.rivals == (gate.candidate.front_end,)
     assert found.for_recurrent == [taken, smaller[0], *found.rivals, smaller[2]]
+    extreme = replace(found, taken=BASE.replace(feature_kinds=("mean", "highest")))
+    assert extreme.for_recurrent == [smaller[0], *found.rivals, *smaller[1:3]]
+
+
+def test_trees_are_tried_on_few_windows_of_the_touch_with_all_scans_and_activity():
+    def dividing(right, steps, every=1, kinds=("mean",), **changes):
+        sizes = dict(hop=4, window=8, steps=steps, store_per_window=8, touch_frames=400, scan_every=every)
+        return judged(right, window_mode="whole", feature_kinds=kinds, **sizes, **changes)
+
+    other = dict(onset_threshold=20)
+    means = [dividing(80, 1), dividing(85, 2), dividing(90, 20), dividing(88, 8, **other)]
+    everything = [judged(99), *means, dividing(91, 2, every=2), dividing(70, 2, kinds=("mean", "highest"))]
+    found = listed(everything, priced()).for_trees
+    few = [one.candidate.front_end for one in means[:2]]
+    assert list(found[:2]) == few
+    active = dict(feature_kinds=("mean", "activity"), activity_rule="change")
+    assert [on.replace(name="derived") for on in found[2:]] == [on.replace(**active) for on in few]
+    assert listed([judged(99)], priced()).for_trees == ()
 
 
 def test_a_part_is_searched_as_if_it_were_all_there_is(at_random, found):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from eskin.choose.candidate import ScoredCandidate
+from eskin.choose.choice_table import network_name
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
     AS_REQUESTED,
@@ -42,7 +43,7 @@ TOUCHED = CONFIG.replace(
 OPEN, WHOLE = SearchOptions(open=True), Effort(seeds=3)
 
 
-def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
+def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, for_trees=(), **prices):
     """What a search asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
     on ``right(candidate)`` of 400 recordings; and the candidate taken."""
     requested = []
@@ -59,6 +60,7 @@ def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
         }
 
     state = started(front_ends[0], front_ends, options, effort, np.arange(of), [], **prices)
+    state.front_ends = dataclasses.replace(state.front_ends, for_trees=for_trees)
     search([state], MOVES if options.open else AS_REQUESTED, judged)
     return requested, state.taken, state.tried
 
@@ -66,7 +68,10 @@ def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
 def decided(candidate, wrong, request):
     """A candidate whose networks, one or two further ones, are wrong on some recordings of class 0."""
     everything = np.arange(len(wrong))
-    decider = SimpleNamespace(decide=lambda rows: Decided.at_once(wrong[rows] + 0, wrong[rows] + 0))
+    integer = SimpleNamespace(config=candidate.config)
+    decider = SimpleNamespace(
+        integer=integer, decide=lambda rows: Decided.at_once(wrong[rows] + 0, wrong[rows] + 0)
+    )
     seeds = [1, 2] if request.other_seeds else [0]
     fitted = [(fold, decider) for fold in folds_of([everything], seeds, everything)]
     decisions = Decisions.of(fitted, np.zeros(len(wrong), dtype=int))
@@ -138,6 +143,25 @@ def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_ch
     assert [(units, steps, share) for units, steps, _, share, _ in fixed] == [(5, 6, 2), (5, 8, 2)]
     assert taken.front_end == DEAR and not tried
     assert played([CONFIG, DEAR], better, SearchOptions(cell="linear"))[0] == []
+
+
+def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is_settled():
+    divided = dict(window_mode="whole", store_per_window=8, touch_frames=65535, decision="last")
+    one, two = (
+        TOUCHED.replace(hop=4, window=8, steps=steps, feature_kinds=("mean",), **divided) for steps in (1, 2)
+    )
+
+    def tried(right, effort=WHOLE):
+        asked, taken, _ = played([CONFIG], right, effort=effort, for_trees=(one, two))
+        found = [(steps, share) for units, steps, _, share, _ in asked if units == "trees"]
+        return found, taken
+
+    forests = lambda made: made.config.network.cell == "trees"
+    found, taken = tried(lambda made: 300 + 40 * made.config.windows.steps if forests(made) else 200)
+    assert found[:4] == [(1, 1), (2, 1), (2, 1), (2, 1)]  # and two other sizes on the best
+    assert taken.front_end == two and network_name(taken.network) == "64 trees of depth 12"
+    assert tried(lambda made: 300 if forests(made) else 300, INSIDE)[0] == [(1, 4), (2, 4)]
+    assert tried(lambda made: 400)[0] == []
 
 
 def test_inside_folds_a_choice_is_short():
