@@ -168,10 +168,10 @@ class Result(BaseModel):
             return cls.model_validate(json.loads(path.read_text()))
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            why = f"field {'.'.join(map(str, first['loc']))}: {first['msg'][0].lower()}{first['msg'][1:]}"
+            why = f", field {'.'.join(map(str, first['loc']))}: {first['msg'][0].lower()}{first['msg'][1:]}"
         except (OSError, ValueError, RecursionError) as error:
-            why = f"cannot be read ({error.strerror if isinstance(error, OSError) else error})"
-        raise InputError(f"{path}, {why}; {fix}")
+            why = f": cannot be read ({error.strerror if isinstance(error, OSError) else error})"
+        raise InputError(f"{path}{why}; {fix}")
 
 
 def write_json(path: str | Path, value: Any) -> None:

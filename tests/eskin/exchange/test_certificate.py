@@ -128,7 +128,7 @@ def test_lines_nodes_and_fields_count(tmp_path):
         ("some/readme.txt", "known by"),
         ("net.onnx", "the float network"),
         ("bad/model.onnx", "not an ONNX file of eskin"),
-        ("bad/build.json", "build.json, cannot be read"),
+        ("bad/build.json", "build.json: cannot be read"),
     ],
 )
 def test_other_files_are_refused(name, sentence, tmp_path):
