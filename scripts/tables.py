@@ -107,9 +107,11 @@ def placed(config: AcceleratorConfig) -> Row:
 def designs(preset: str) -> Iterator[Row]:
     """Every design of a preset."""
     front = PRESETS[preset].replace(feature_shift=())
-    gru = network(front, "gru", 12)
-    for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
+    gru, linear = network(front, "gru", 12), network(front, "linear", None)
+    for config, lanes in ((gru, 1), (gru, LANES), (linear, LANES)):
         yield f"{preset}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
+    forest = network(front, "trees", None).replace(trees=16, depth=8, nodes=1024)
+    yield f"{preset}, 16 trees of depth 8, 1024 nodes", *placed(forest.with_lanes(1, "dsp"))
 
 
 def parts(name: str) -> Iterator[Row]:

@@ -165,11 +165,13 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("import",),
         tuple(
-            kind for kind in KINDS if kind not in ("linear", "trees", "gru-after", "lstm", "image", "chosen")
+            kind
+            for kind in KINDS
+            if kind not in ("linear", "following", "trees", "gru-after", "lstm", "image", "chosen")
         ),
         "has reset after, not before; use --reset after",
     ),
-    (("import",), ("linear",), "is to be a linear cell, which is read from ONNX"),
+    (("import",), ("linear", "following"), "is to be a linear cell, which is read from ONNX"),
     (("import",), ("trees",), "field cell: is 'trees', which this verb does not take"),
     (
         ("export --to onnx", "export --exact"),
@@ -178,10 +180,11 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (("schedule",), ("trees",), "field cell: is 'trees', which walk in a fixed order without a schedule"),
     (
-        ("quantise --quantisation-aware", "enrol", "enrol --evaluate"),
+        ("enrol", "enrol --evaluate"),
         ("trees",),
         "field cell: is 'trees', which have no weights to train further",
     ),
+    (("quantise --quantisation-aware",), ("trees",), "4 bits were requested, and trees have no weights"),
     (
         ("quantise --readout", "enrol --evaluate --readout"),
         ("trees",),
