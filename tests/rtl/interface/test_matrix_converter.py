@@ -100,6 +100,11 @@ def test_a_cell_that_settles_within_the_converters_pause_takes_the_transfer_alon
     assert [frame.cycles for frame in frames[1:]] == [15 * plan.port.transfer_cycles - 1] * 2
 
 
+def test_an_address_has_a_pin_for_each_bit_and_one_at_least():
+    addresses = [*replace(PLAN, rows=4, columns=1).wires("matrix")][3:]
+    assert addresses == ["pins__row[0]", "pins__row[1]", "pins__column"]
+
+
 @each_row("level, fault", [(0, ConverterFault.STUCK), (0xFFFF, ConverterFault.STUCK | ConverterFault.ORDER)])
 def test_a_stuck_line_is_a_fault(level, fault):
     assert play(lambda cell: level, 1)[0][0].fault == fault
