@@ -53,6 +53,8 @@ async def play(dut) -> None:
             found = f"scan {number + 1} begins {late / slow_ns:.1f} slow cycles after it is due"
         elif scans != number + 1:
             found = f"the converter is read {scans} times in {number + 1} scans"
+        elif int(dut.awake.value):
+            found = f"the converter is awake behind scan {number + 1}"
         if found or pins != shown[number]:
             break
         compared += 1

@@ -97,7 +97,7 @@ def play(
         [*hardware.sources, OSCILLATORS, *models],
         {"BEATS": expected["codes"].shape[1], "CLASSES": config.classes},
         how.builds,
-        options=[*hardware.options, *options],
+        options=[*hardware.options, *options, "-DSLEEPS"],
         wrapper=BOARD,
         top=BOARD.stem,
     )

@@ -9,13 +9,14 @@ module standalone #(parameter integer BEATS = 16, CLASSES = 3) ();
     wire led, decision_valid, unsure, power, moving;
     wire [CLASSES-1:0] decision;
     wire [31:0] violations;
-    reg [31:0] scans = 0, cycles = 0, early = 0;
+    reg [31:0] scans = 0, cycles = 0, early = 0, awake = 0;
     reg moved = 1'b0;
     /* verilator public_off */
+    wire asleep;
     `PIN_WIRES
     assign moving = `PORT_BUSY;
     assign power = dut.fast.CLKHFPU;
-    converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(3'd0), .violations(violations));
+    converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(3'd0), .violations(violations), .asleep(asleep));
     accelerator dut (.*, `DESIGN_PINS);
     wire clock = dut.fast.CLKHF;
     always @(posedge clock) cycles <= cycles + 1;
@@ -23,6 +24,7 @@ module standalone #(parameter integer BEATS = 16, CLASSES = 3) ();
     always @(negedge power) begin
         scans = scans + {31'd0, moved};
         early = dut.fast.violations;
+        awake = awake + {31'd0, !asleep};
         moved = 1'b0;
     end
 endmodule

@@ -13,13 +13,13 @@ module converter #(
     parameter integer ZEROS = 0
 ) (
     input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output reg [LINES-1:0] miso,
-    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
+    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations, output reg asleep
 );
     reg [11:0] held [0:TAXELS-1];
     integer falls = 0, k = 0, s = 0, at = 0, clocked = 0, waking = 0;
-    reg asleep = 1'b0;
     initial begin
         violations = 0;
+        asleep = 1'b0;
         miso = {LINES{1'b1}};
     end
     always @(cs_n, negedge sclk) begin

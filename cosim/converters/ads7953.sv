@@ -2,7 +2,8 @@
 //
 // Manual mode: a word that is clocked in during frame N sets the multiplexer in frame N+1; that channel is converted when frame N+2 begins,
 // and comes out in it: number in bits 15..12, code in 11..0. Data change on falling clock edges and are good on rising ones.
-// DI05 powers it down when its frame ends; a word without it wakes it, which takes 1 us, and its first conversion is not valid.
+// DI05 powers it down with the sixteenth clock of the frame behind; where the register has it no more, a frame's beginning powers it up,
+// which takes 1 us, and the conversion of that frame is not valid.
 // fault: 1 SDO stays low, 2 SDO is not driven (a pull-up holds it high), 3 the multiplexer does not move.
 `timescale 1ns / 1ps
 
@@ -16,15 +17,18 @@ module converter #(
     parameter integer ZEROS = 0
 ) (
     input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output wire [LINES-1:0] miso,
-    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
+    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations, output reg asleep
 );
     reg [3:0] multiplexer = 4'd0, wanted = 4'd0;
     reg manual = 1'b0;
     reg [15:0] out = 16'd0, in = 16'd0;
     integer clocks = 0, woke = 0;
-    reg asleep = 1'b0, invalid = 1'b0;
+    reg down = 1'b0, goes = 1'b0;  // DI05 of the register, and as this frame began
     integer fell = 0, rose = 0, clocked = 0;
-    initial violations = 0;
+    initial begin
+        violations = 0;
+        asleep = 1'b0;
+    end
 
     function time ps(input integer since);  // picoseconds of the design's time since then
         ps = ($time / 10 - since) * CYCLE_PS;
@@ -34,9 +38,13 @@ module converter #(
         if (rose != 0 && ps(rose) < 40000) violations = violations + 1;      // CS high between frames
         fell = $time / 10;
         out = {multiplexer, analog[32*multiplexer +: 12]};                    // sampled when the frame begins
-        if (!asleep && !invalid && woke != 0 && ps(woke) < 1000000) violations = violations + 1;
-        if (asleep || invalid) out = $random;
-        if (!asleep) invalid = 1'b0;
+        if (!asleep && woke != 0 && ps(woke) < 1000000) violations = violations + 1;
+        if (asleep) out = $random;
+        if (asleep && !down) begin
+            woke = $time / 10;
+            asleep = 1'b0;
+        end
+        goes = down;
         multiplexer = fault == 3 ? multiplexer : wanted;                      // and the next channel is switched in during it
         clocks = 0;
     end
@@ -51,13 +59,10 @@ module converter #(
     always @(posedge cs_n[0]) begin
         rose = $time / 10;
         if (clocks == 16) begin
+            if (goes) asleep = 1'b1;
             if (in[15:12] == 4'b0001) begin
                 manual = 1'b1;
-                if (in[11] && asleep && !in[5]) begin
-                    woke = $time / 10;
-                    invalid = 1'b1;
-                end
-                if (in[11]) asleep = in[5];
+                if (in[11]) down = in[5];
                 if (in[11]) wanted = in[10:7];
                 if (in[11] && in[4]) violations = violations + 1;             // the number would not come back with the code
             end else if (in[15:12] != 4'b0000) violations = violations + 1;   // a mode that this model does not know

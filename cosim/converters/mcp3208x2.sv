@@ -55,8 +55,9 @@ module converter #(
     parameter integer ZEROS = 0
 ) (
     input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output wire [LINES-1:0] miso,
-    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
+    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations, output wire asleep
 );
+    assign asleep = &cs_n;
     // taxels of a chip: fewer than its channels where the array is small
     wire [511:0] inputs = {{(512-32*TAXELS > 0 ? 512-32*TAXELS : 1){1'b0}}, analog};
     wire [1:0] said;

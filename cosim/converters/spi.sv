@@ -9,8 +9,9 @@ module converter #(
     parameter integer ZEROS = 0
 ) (
     input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output reg [LINES-1:0] miso,
-    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
+    input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations, output wire asleep
 );
+    assign asleep = 1'b1;  // nothing is known of its sleep
     // asked[d]: the channel asked for d transfers ago; without a delay the answer follows the command in its transfer.
     integer asked [0:7];
     integer clocks = 0, k = 0, s = 0, channel = 0, position = 0;

@@ -341,11 +341,13 @@ def converter_power(config: AcceleratorConfig) -> ConverterPower | None:
 
 
 class Turn(NamedTuple):
-    """Seconds of a turn of the part's own oscillator: from power to output, of the scan, and of all that follows."""
+    """Seconds of a turn of the part's own oscillator: from power to output, of the scan, and of all that follows.
+    awake: share of time in which the converter is."""
 
     start_s: float
     scan_s: float
     after_s: float
+    awake: float
 
 
 def bitstream_power(
@@ -391,7 +393,7 @@ def bitstream_power(
     if (found := converter_power(config)) is not None and found.power_w is not None:
         reading = 1.0
         if turn is not None and converter.asleep_watt is not None:
-            reading = rate_hz * turn.scan_s
+            reading = turn.awake
         elif converter.sleeps_unselected:
             reading = (found.scanning_w or 0.0) / found.power_w
         asleep_w = found.chips * (converter.asleep_watt or 0.0)

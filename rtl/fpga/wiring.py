@@ -110,7 +110,12 @@ class Wiring:
         return own | {"led": target.led} | line | free
 
     def _wires(self) -> dict[str, str]:
-        return converter_plan(self.config).wires(self.config.interface.converter.name) if self.sensing else {}
+        if not self.sensing:
+            return {}
+        config = self.config
+        plan = standby_plan(config, config.hardware.clock_hz) if self.standby else converter_plan(config)
+        wires: dict[str, str] = plan.wires(config.interface.converter.name)
+        return wires
 
     def table(self) -> list[dict[str, str]]:
         """Each pin of a board with a converter: port, site of the part, and its connection."""

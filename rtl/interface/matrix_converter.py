@@ -13,14 +13,20 @@ from eskin.rtl.interface.spi_master import SpiMaster
 
 
 def matrix_pins(plan: MatrixPlan) -> wiring.Signature:
-    """Addresses of the two multiplexers, and the converter's select, clock and data."""
+    """Addresses of the two multiplexers, and the converter's select, clock and data; with a plan that sleeps, what
+    disables the multiplexers."""
     addresses = {"row": Out(range(max(2, plan.rows))), "column": Out(range(max(2, plan.columns)))}
-    return wiring.Signature(addresses | {"cs_n": Out(1, init=1), "sclk": Out(1), "miso": In(1, init=1)})
+    sleep = {"off": Out(1, init=1)} if plan.port.short else {}
+    return wiring.Signature(
+        addresses | {"cs_n": Out(1, init=1), "sclk": Out(1), "miso": In(1, init=1)} | sleep
+    )
 
 
 class MatrixConverter(Block):
     """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer ends.
-    At least ``plan.settle`` cycles later, select falls and the converter samples.
+    At least ``plan.settle`` cycles later, select falls and the converter samples. With a plan that sleeps, a transfer
+    whose code counts for nothing wakes the converter while the first cell settles, and behind the last a short
+    transfer puts it to sleep.
 
     Checked are the bits that are 0 by the data sheet (ORDER), and whether all cells are at the same end of
     the range (STUCK): the amplifier's rest level must lie inside it.
@@ -58,12 +64,20 @@ class MatrixConverter(Block):
         last_column, last_row = pins.column == plan.columns - 1, pins.row == plan.rows - 1
         taken = Signal()  # the word is there
         m.d.sync += [taken.eq(master.done & converting), settle.eq(settle - ~settled)]
-        m.d.comb += master.start.eq(self.busy & settled & ~converting)
-        drive(m, self.put, valid=taken, place=cell, code=code)
+        waking, dozing = (
+            Signal(init=plan.port.waking),
+            Signal(),
+        )  # transfers without a code, before and behind the cells
+        sleeps, ready, cell_over = plan.port.short > 0, settled, taken
+        if sleeps:
+            ready, cell_over = settled | waking | dozing, taken & ~waking & ~dozing
+            m.d.comb += master.short.eq(dozing)
+        m.d.comb += master.start.eq(self.busy & ready & ~converting)
+        drive(m, self.put, valid=cell_over, place=cell, code=code)
         drive(
             m,
             self,
-            finished=taken & last_column & last_row,
+            finished=cell_over & last_column & last_row,
             fault=Mux(wrong_now, int(ConverterFault.ORDER), 0)
             | Mux(low_now | high_now, int(ConverterFault.STUCK), 0),
         )
@@ -71,7 +85,7 @@ class MatrixConverter(Block):
             m.d.sync += converting.eq(1)
         with m.Elif(master.idle):  # only after an upset: the transfer that is waited for is not there
             m.d.sync += converting.eq(0)
-        with m.If(taken):
+        with m.If(cell_over):
             m.d.sync += [
                 converting.eq(0),
                 cell.eq(cell + 1),
@@ -84,7 +98,14 @@ class MatrixConverter(Block):
             with m.If(last_column):
                 m.d.sync += pins.row.eq(Mux(last_row, 0, pins.row + 1))
             with m.If(last_column & last_row):
-                m.d.sync += self.busy.eq(0)
+                m.d.sync += dozing.eq(1) if sleeps else self.busy.eq(0)
+        if sleeps:
+            with m.Elif(taken):
+                m.d.sync += [converting.eq(0), waking.eq(0)]
+                with m.If(dozing):
+                    m.d.sync += [self.busy.eq(0), pins.off.eq(1)]
+            with m.If(self.start & ~self.busy):
+                m.d.sync += [waking.eq(waking.init), dozing.eq(0), pins.off.eq(0)]
         with m.If(self.start & ~self.busy):
             m.d.sync += [
                 self.busy.eq(1),

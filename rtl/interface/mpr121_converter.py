@@ -49,7 +49,8 @@ def start_up(plan: MprPlan) -> list[Step]:
         steps += _message(address, mpr121.ECR, 0)
         steps += _reading(address, mpr121.CONFIG2, [Step(I2cOp.LAST, mpr121.CONFIG2_AT_RESET, compare=True)])
         steps += _message(address, mpr121.THRESHOLDS, *(mpr121.TOUCH, mpr121.RELEASE) * 12)
-        steps += _message(address, mpr121.CONFIG1, *mpr121.SETTINGS)
+        charge, sampling = mpr121.SETTINGS
+        steps += _message(address, mpr121.CONFIG1, charge, sampling | plan.interval)
         steps += _message(
             address, mpr121.ECR, mpr121.RUNNING, pause=plan.first if chip == plan.chips - 1 else 0
         )

@@ -42,12 +42,13 @@ def standby_plan(config: AcceleratorConfig, clock_hz: float) -> Any:
     return converter.plan(config, (1 + TOLERANCE) * clock_hz).sleeping
 
 
-def turn(config: AcceleratorConfig, clock_hz: float) -> tuple[float, float, float]:
+def turn(config: AcceleratorConfig, clock_hz: float) -> tuple[float, float, float, float]:
     """Seconds of a turn of the fast oscillator, at nominal frequencies: from power to output, of the scan, and of all
-    that follows without a touch."""
+    that follows without a touch; and the share of time in which a chip of the converter is awake."""
     after = 2 * config.sensor.taxels + mean_frame_cycles(config)[1] + QUIET_CYCLES
-    scan = standby_plan(config, clock_hz).scan_cycles
-    return start_cycles() / SLOW_HZ, scan / clock_hz, after / clock_hz
+    plan = standby_plan(config, clock_hz)
+    awake = plan.awake(config.sensor.scan_rate_hz / clock_hz)
+    return start_cycles() / SLOW_HZ, plan.scan_cycles / clock_hz, after / clock_hz, awake
 
 
 def work_cycles(config: AcceleratorConfig, clock_hz: float) -> int:

@@ -13,6 +13,7 @@ from eskin.cosim.simulation import Simulation
 from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
+from eskin.golden.core.converters.mpr121 import Mpr121
 from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
@@ -136,6 +137,28 @@ def test_exact_from_the_pins(name, shared_data, tmp_path):
     assert result.decisions > (10 if name in ARRAYS else 0)
     assert way.faults == way.violations == result.overruns == 0
     assert way.jitter_cycles < (1 if name in RANDOM else 1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "limits"),
+    [
+        ({}, 0),
+        ({"first": 1}, 1),  # its first data are not awaited
+        ({"interval": 3}, 1),  # four samples in 32 ms, and a frame in 20
+    ],
+)
+def test_an_mpr121_sleeps_between_samples_and_has_new_data_for_each_frame(
+    change, limits, tmp_path, monkeypatch
+):
+    config, recordings = array_case("mpr121, 13 x 9")
+    config = config.replace(converter=config.interface.converter.replace(hz=1e5))  # the start takes 6 ms
+    awake = Mpr121.plan
+    monkeypatch.setattr(Mpr121, "plan", lambda *which: dataclasses.replace(awake(*which).sleeping, **change))
+    assert Mpr121().plan(config).longest == 2
+    result = cosimulate(random_integer_model(config, 5), recordings.subset([0]), Simulation(), work=tmp_path)
+    assert result.bit_exact and (result.conversion.violations > 0) == bool(limits)
+    assert result.passed == (not limits)
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))

@@ -8,7 +8,6 @@ import pytest
 from eskin.cosim.simulation import Simulation
 from eskin.cosim.standalone import shown_on_pins
 from eskin.golden.core import InputError
-from eskin.golden.core.converters.spi import SpiPlan
 from eskin.rtl.top import standby
 from eskin.training.made_up import random_recordings
 from eskin.verbs.cosim import cosimulate
@@ -21,38 +20,60 @@ BOARD = CONFIG.replace(
 HOW = Simulation(standalone=True)
 
 
-def found(work, frames=200):
+MATRIX = BOARD.replace(converter="matrix", rows=2, columns=4)
+
+
+def found(work, frames=200, board=BOARD):
     """The result of one recording."""
-    model = random_integer_model(BOARD, 1)
+    model = random_integer_model(board, 1)
     return cosimulate(model, random_recordings(model.config, (frames,), seed=6), HOW, work=work)
 
 
 @pytest.mark.slow
-def test_pins_are_exact_after_every_frame_at_three_speeds(tmp_path):
-    played = found(tmp_path)
+@pytest.mark.parametrize("board", [BOARD, MATRIX, BOARD.replace(converter="ad7476")])
+def test_pins_are_exact_after_every_frame_at_three_speeds(board, tmp_path):
+    played = found(tmp_path, 200, board)
     assert played.passed and played.compared_values == 3 * 200 and played.decisions >= 3 * 4
     oscillator = played.oscillator
     assert oscillator.scans == oscillator.starts == 3 * 200
-    start_s, scan_s, after_s = standby.turn(BOARD, 12e6)
-    wanted = (start_s + scan_s + after_s) * BOARD.sensor.scan_rate_hz
+    start_s, scan_s, after_s, _ = standby.turn(board, 12e6)
+    wanted = (start_s + scan_s + after_s) * board.sensor.scan_rate_hz
     assert oscillator.duty == pytest.approx(wanted, rel=0.1)  # as the estimate of power counts it
 
 
-def late_wake(plan):
-    """The second word wakes the chip, not the first."""
-    plan = AWAKE.fget(plan)
-    (group, word), *others = plan.transfers
-    return dataclasses.replace(plan, transfers=((group, word | 0x20), *others))
+def other_words(of):
+    """Words of a scan, in place of those by which an ADS7953 sleeps."""
+
+    def change(plan):
+        words = of([word for _, word in plan.transfers])
+        return dataclasses.replace(plan, transfers=tuple((0, word) for word in words))
+
+    return change
 
 
-AWAKE = SpiPlan.sleeping
+def other_port(**fields):
+    """Of the plan by which a matrix sleeps."""
+    return lambda plan: dataclasses.replace(plan, port=dataclasses.replace(plan.port, **fields))
+
+
+LATE, AWAKE = "class pins", "awake behind scan 1"
+SEEDED = {
+    "woken by its second word": (BOARD, other_words(lambda words: [words[0] | 0x20, *words[1:]]), LATE),
+    "power-down a word too late": (BOARD, other_words(lambda words: [*words[:-2], 0, 0x1820]), AWAKE),
+    "a matrix that is not woken": (MATRIX, other_port(waking=0), LATE),
+    "a matrix whose last transfer is no power-down": (MATRIX, other_port(short=12), AWAKE),
+}
 
 
 @pytest.mark.slow
-def test_a_converter_that_is_woken_late_is_found(tmp_path, monkeypatch):
-    monkeypatch.setattr(SpiPlan, "sleeping", property(late_wake))
-    played = found(tmp_path, 12)
-    assert not played.passed and (played.conversion.violations or played.mismatches)
+@pytest.mark.parametrize("fault", SEEDED)
+def test_a_converter_that_does_not_sleep_or_wakes_late_is_found(fault, tmp_path, monkeypatch):
+    board, change, told = SEEDED[fault]
+    kind = type(standby.standby_plan(board, 12e6))
+    asleep = kind.sleeping.fget
+    monkeypatch.setattr(kind, "sleeping", property(lambda plan: change(asleep(plan))))
+    played = found(tmp_path, 200, board)
+    assert not played.passed and told in played.mismatch_list[0]
 
 
 @pytest.mark.slow

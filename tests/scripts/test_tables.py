@@ -41,7 +41,7 @@ def test_a_table_of_the_page_is_replaced(monkeypatch):
     assert new.startswith(
         "a\n\nMade by `python -m scripts.tables designs thesis` at commit `abc`.\n\n| design |"
     )
-    assert new.endswith("| thesis, linear, P = 4 | linear |\n\nb | c\n") and "old" not in new
+    assert new.endswith("| thesis, 16 trees of depth 8, 1024 nodes | trees |\n\nb | c\n") and "old" not in new
 
 
 def test_each_table_of_figures_has_its_command_and_commit():

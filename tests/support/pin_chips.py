@@ -5,7 +5,7 @@ frame needs."""
 class DdcSlave:
     """Answers with ``words`` (each ``bits`` wide, in the order of the wire) so many cycles after each edge of
     CONV. spoil(name, value) may change "readback" (the 88 bits) and "dvalid" (whether it comes).
-    configurations: what was latched. clk_edges: cycles in which the system clock changed."""
+    configurations: what was latched. clk_edges: cycles in which the system clock changed. resets: cycles of each."""
 
     def __init__(self, pins, words, bits, delay=40, spoil=lambda name, value: value) -> None:
         self.pins, self.words, self.bits, self.delay, self.spoil = pins, words, bits, delay, spoil
@@ -13,6 +13,7 @@ class DdcSlave:
         self.conv_edges: list[int] = []
         self.dclk_edges: list[int] = []
         self.clk_edges: list[int] = []
+        self.resets = [0]
 
     async def play(self, ctx) -> None:
         pins, cycle, due, out, left, latched, count = self.pins, 0, -1, 0, 0, 0, 0
@@ -22,7 +23,10 @@ class DdcSlave:
         while True:
             _, _, reset_n, conv, clk_cfg, din, dclk, clk = await anext(ticks)
             cycle += 1
+            if reset_n and self.resets[-1]:
+                self.resets.append(0)
             if not reset_n:
+                self.resets[-1] += 1
                 latched = count = 0
                 due = -1
                 ctx.set(pins.dvalid_n, 1)

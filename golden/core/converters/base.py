@@ -58,6 +58,10 @@ class Plan:
         """The plan by which chips sleep between scans; the same where they have no command for it."""
         return self
 
+    def awake(self, scans: float) -> float:
+        """Share of time in which a chip that sleeps between scans is awake, at ``scans`` a cycle."""
+        return scans * self.scan_cycles  # type: ignore[attr-defined]
+
     def pin_codes(self, config: AcceleratorConfig) -> int:
         """Number of codes of a frame at the pins."""
         return config.sensor.taxels

@@ -6,6 +6,7 @@ The converter is an AD7476: its select line falls when the amplifier has settled
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class MatrixPlan(Plan):
     """rows, columns: of the matrix. settle, settle_s: cycles and seconds from a new address to the sample.
-    port: plan of the converter's SPI port, one transfer per cell."""
+    port: plan of the converter's SPI port, one transfer per cell, and where it sleeps one before and one behind all."""
 
     rows: int
     columns: int
@@ -36,6 +37,7 @@ class MatrixPlan(Plan):
     def wires(self, chip: str) -> dict[str, str]:
         """Ports of a board in wiring order, and the pin of each."""
         wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
+        wires |= {"pins__off": "multiplexers, disable"} if self.port.short else {}
         for name, count in (("row", self.rows), ("column", self.columns)):
             bits = max(1, (count - 1).bit_length())
             ports = [f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}" for k in range(bits)]
@@ -45,6 +47,11 @@ class MatrixPlan(Plan):
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
         """Parameters of the model in cosim/converters."""
         return {"ROWS": self.rows, "COLUMNS": self.columns, "SETTLE_PS": round(1e12 * self.settle_s)}
+
+    @property
+    def sleeping(self) -> MatrixPlan:
+        """The plan by which converter and multiplexers are off between scans."""
+        return dataclasses.replace(self, port=self.port.sleeping)
 
     @property
     def code_bits(self) -> int:
@@ -59,7 +66,8 @@ class MatrixPlan(Plan):
     @property
     def scan_cycles(self) -> int:
         """Cycles from the sample clock to the last code."""
-        return self.rows * self.columns * self.cell_cycles
+        others = self.port.per_select - 1
+        return self.rows * self.columns * self.cell_cycles + others * (self.port.transfer_cycles + 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +76,7 @@ class Matrix(Converter):
 
     watt = SPI_CHIPS["ad7476"].watt
     stated = f"its {SPI_CHIPS['ad7476'].stated}; multiplexers and amplifier not counted"
+    asleep_watt = SPI_CHIPS["ad7476"].asleep_watt
 
     name: StrictStr = "matrix"
     settle_s: Annotated[Real, Ge(0)] = 20e-6

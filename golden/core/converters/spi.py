@@ -32,9 +32,9 @@ class SpiChip:
     the channel's number in it (0 bits: none); zeros: bits of it that are 0 by the data sheet. sclk_hz,
     conversions_hz: highest rates. high_s, lead_s: shortest time with select high between transfers, and from
     its fall to the first clock. most: largest number of chips (0: any number); instead: advice for more
-    taxels. watt, stated, asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word of a scan
-    puts it to sleep, and the first one wakes it; sleep_bits: a last transfer of so few clocks does. waking: transfers
-    of a scan that only wake it.
+    taxels. watt, stated, asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word but
+    one of a scan, so that it sleeps from the scan's end until the second transfer of the next begins; sleep_bits: a last
+    transfer of so few clocks puts it to sleep. waking: transfers of a scan that only wake it.
     """
 
     bits: int
@@ -81,8 +81,9 @@ SPI_CHIPS: dict[str, SpiChip] = {
         instead="it has 16 channels: use mcp3208x2 or spi with more lines, or fewer taxels",
         watt=14.5e-3,
         stated="SLAS605: 14.5 mW typical at 1 MS/s, +VA 5 V, +VBD 3 V",
-        # DI05: power-down, 1 uA, from the end of its transfer on. The next word without it wakes the chip; its first
-        # conversion, in the second transfer of a scan, is not valid and is one of those that the delay drops.
+        # DI05: power-down, 1 uA, from the end of the next transfer on, whose word leaves DI05 as it is. A word
+        # without it wakes the chip when the next transfer begins: the second of a scan, whose conversion is not valid
+        # and is one of those that the delay drops.
         asleep_watt=1e-6 * 5.0,
         sleep_command=0x1820,
     ),
@@ -151,10 +152,15 @@ class SpiPlan(Plan):
         """The plan by which the chips sleep between scans: they are woken and put to sleep by transfers of a scan."""
         chip, words = self.chip, [word for group, word in self.transfers if group == 0]
         if chip.sleep_command is not None:
-            words[-1] = chip.sleep_command
+            words[-2] = chip.sleep_command
         words = [0] * chip.waking + words + [0] * (chip.sleep_bits > 0)
         transfers = tuple((group, word) for group in range(self.selects) for word in words)
         return dataclasses.replace(self, transfers=transfers, waking=chip.waking, short=chip.sleep_bits)
+
+    def awake(self, scans: float) -> float:
+        """A chip is awake in the transfers of its select, less the first where a command has put it to sleep."""
+        own = self.per_select - (self.chip.sleep_command is not None)
+        return scans * self.scan_cycles * own / len(self.transfers)
 
     def wires(self, chip: str) -> dict[str, str]:
         """Ports of a board in wiring order, and the pin of each."""

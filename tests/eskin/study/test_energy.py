@@ -87,14 +87,14 @@ def test_a_bitstream_at_the_boards_clock_is_the_sum_by_hand(name, awake):
 
 
 def test_an_oscillator_that_runs_for_each_scan_is_the_sum_by_hand():
-    """10 scans a second: 1 ms to start, 4 ms of which the converter is awake, 5 ms of work behind."""
+    """10 scans a second: 1 ms to start, 4 ms to scan, 3 of which the converter is awake, 5 ms of work behind."""
     config = CONFIG.replace(converter="ads7953", sample_rate_hz=10.0)
-    power = bitstream_power(config, PART, ACTIVITY, 6e6, 30, Turn(1e-3, 4e-3, 5e-3))
+    power = bitstream_power(config, PART, ACTIVITY, 6e6, 30, Turn(1e-3, 4e-3, 5e-3, 0.03))
     on = 10 * 9e-3 * 400e-6 + 10 * 1e-3 * 40e-6
     assert power.oscillators_w == pytest.approx(on)
     toggles = 10 * 9e-3 * 6e6 * 3 * 0.2e-12 + 10 * 900 * 0.2e-12
     assert power.part_w == pytest.approx(100e-6 + on + toggles)
-    assert power.converter_w == pytest.approx(0.04 * 14.5e-3 + 0.96 * 5e-6)
+    assert power.converter_w == pytest.approx(0.03 * 14.5e-3 + 0.97 * 5e-6)
     cycles = 20 * 200 + 6144 * 4
     switched = 20 * (30_000 * 0.2e-12 + 1_200 * 20e-12)
     assert power.deciding_w == pytest.approx(0.5 * (switched + cycles / 6e6 * 400e-6))

@@ -1,5 +1,7 @@
 """Converters that cannot keep up with their frames are refused, with the highest rate that works."""
 
+import pytest
+
 from eskin.golden.core import PRESETS
 from tests.support.small_designs import with_converter
 from tests.support.table import each_row, refused
@@ -57,12 +59,36 @@ REFUSED = [
     ),
     (BIG | with_converter("mpr121", sample_rate_hz=100.0), "both are odd, or set chips 2", None),
     (
-        MPR | dict(sample_rate_hz=2000.0),
-        r"12 electrodes over I2C at 375 kHz take 799 us.*at most 1126 Hz works as it is",
-        1126.0,
+        MPR | with_converter("mpr121", hz=5e4, sample_rate_hz=200.0),
+        r"12 electrodes over I2C at 50 kHz take \d+ us.*at most \d+ Hz works as it is",
+        145.0,
     ),
+    (MPR | dict(sample_rate_hz=260.0), "is 260; an MPR121 has new data 250 times a second", 250.0),
 ]
 """Fields, the words of the refusal, and the rate that then works."""
+SLEEPING = [
+    # 10 transfers, of which the chip is awake in 9; 3 of 16 chips in turn; 8 cells, beside them 2 transfers
+    (dict(taxels=8, converter="ads7953"), 9 * (2 * 16 * 3 + 3 + 2 + 1 + 2)),
+    (dict(converter=dict(name="ad7476", data_lines=1)), 3 * (2 * 16 * 3 + 3 + 2 + 1 + 2)),
+    (
+        dict(taxels=8, rows=2, columns=4, converter=dict(name="matrix", settle_s=1e-7)),
+        8 * (2 + 104) + 2 * 104,
+    ),
+    # a sample in 2, in 4 and in 128 ms: four within 9, 18 and 900 ms
+    *(
+        (dict(taxels=15, rows=5, columns=3, converter="mpr121", sample_rate_hz=hertz), 12e6 / hertz / often)
+        for hertz, often in ((100.0, 2), (50.0, 4), (1.0, 128), (250.0, 1))
+    ),
+]
+"""Fields, and cycles of a frame at 12 MHz in which a chip is awake, by the data sheets."""
+
+
+@each_row("fields, cycles", SLEEPING)
+def test_a_chip_that_sleeps_is_awake_for_so_long(fields, cycles):
+    config = PRESETS["thesis"].replace(**{"clock_hz": 12e6, "sample_rate_hz": 100.0} | fields)
+    rate = config.sensor.scan_rate_hz
+    share = config.interface.converter.plan(config).sleeping.awake(rate / 12e6)
+    assert share == pytest.approx(cycles * rate / 12e6, rel=1e-6)
 
 
 @each_row("fields, words, rate", REFUSED)

@@ -18,12 +18,12 @@ DEADLINE = PERIOD - QUIET - (2 * 2 * 20 * 5 + 8)
 """Of DVALID: behind it come five words of 20 bits and the quiet time."""
 
 
-def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **fields):
+def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, wait: int = 20, **fields):
     """The frames, and the chip; ``codes(channel)`` are the codes of inputs 1..32. The real order and formats, with
     times that a bench can wait for. ``delay``: cycles from CONV to DVALID."""
     converter = dict(name="ddc232", **fields)
     config = PRESETS["thesis"].replace(converter=converter, sample_rate_hz=1000.0, taxels=5)
-    plan = replace(converter_plan(config), wait=20, half=2, clk_half=4, quiet=QUIET)
+    plan = replace(converter_plan(config), wait=wait, half=2, clk_half=4, quiet=QUIET)
     plan = replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
     dut = Ddc232Converter(plan, 5)
     order = range(1, 33) if fields.get("ascending") else range(32, 0, -1)
@@ -75,6 +75,11 @@ def test_no_clock_comes_near_an_edge_of_conv_whenever_dvalid_comes(delay):
     assert {frame.fault for frame in frames} == {ConverterFault(0) if in_time else ConverterFault.SILENT}
     for conv in chip.conv_edges:
         assert all(abs(edge - conv) >= QUIET for edge in chip.dclk_edges)
+
+
+def test_a_reset_lasts_its_whole_time():
+    chip = play(1, lambda channel: 1000 + channel, wait=1024)[1]  # needs a bit more than any number below it
+    assert chip.resets[0] >= 1024
 
 
 @each_row("level", [0, 0xFFFFF])

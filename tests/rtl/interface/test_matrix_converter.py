@@ -4,6 +4,8 @@ of wrong answer."""
 import random
 from dataclasses import replace
 
+from amaranth.hdl import Const
+
 from eskin.golden.core import PRESETS, ConverterFault, converter_plan
 from eskin.rtl.interface.matrix_converter import MatrixConverter
 from tests.support.converter_bench import play_frames
@@ -29,18 +31,25 @@ PLAN = replace(
 
 class Cells:
     """The multiplexers and the converter behind them. samples: of each fall of select the cell, and the
-    cycles since the address changed."""
+    cycles since the address changed or the multiplexers were off. clocks: of each transfer. off: cycles in which they
+    are, since the first transfer."""
 
     def __init__(self, pins, word_of) -> None:
         self.pins, self.word_of = pins, word_of
         self.samples: list[tuple[int, int]] = []
+        self.clocks: list[int] = []
+        self.off = 0
 
     async def play(self, ctx) -> None:
         pins, word, bits, select, clock, since, at = self.pins, 0, 0, 1, 0, 0, (0, 0)
-        async for *_, now, level, row, column in ctx.tick().sample(
-            pins.cs_n, pins.sclk, pins.row, pins.column
+        off = getattr(pins, "off", Const(0))
+        async for *_, now, level, row, column, is_off in ctx.tick().sample(
+            pins.cs_n, pins.sclk, pins.row, pins.column, off
         ):
-            since = 0 if (row, column) != at else since + 1
+            since = 0 if (row, column) != at or is_off else since + 1
+            self.off += is_off and self.samples != []
+            if now and not select:
+                self.clocks.append(bits)
             at = (row, column)
             if select and not now:
                 self.samples.append((row * 5 + column, since))
@@ -72,10 +81,28 @@ def test_every_cell_at_its_taxel_when_it_has_settled():
     assert lines == {"cs_n": 1, "sclk": 1, "miso": 1}
 
 
+def test_a_converter_that_sleeps_is_woken_before_the_cells_and_the_multiplexers_are_off_between_scans():
+    plan, codes = PLAN.sleeping, range(700, 715)
+    waking = iter([None, *codes, None] * 2)  # codes of the first and the last transfer count for nothing
+    frames, cells = play(lambda cell: next(waking) or 0, 2, plan)
+    assert [frame[:2] for frame in frames] == [(dict(enumerate(codes)), ConverterFault(0))] * 2
+    assert cells.clocks == [*[16] * 16, 6] * 2
+    order = [cell for cell, _ in cells.samples]
+    assert order == [0, *range(15), 0] * 2
+    assert all(since >= plan.settle for _, since in cells.samples[1:16] + cells.samples[18:33])
+    assert cells.off > 100 and all(frame.cycles <= plan.scan_cycles for frame in frames)
+    assert plan.wires("matrix")["pins__off"] == "multiplexers, disable"
+
+
 def test_a_cell_that_settles_within_the_converters_pause_takes_the_transfer_alone():
     plan = replace(PLAN, settle=1, port=replace(PLAN.port, high=9))
     frames, _ = play(lambda cell: 700, 3, plan)
     assert [frame.cycles for frame in frames[1:]] == [15 * plan.port.transfer_cycles - 1] * 2
+
+
+def test_an_address_has_a_pin_for_each_bit_and_one_at_least():
+    addresses = [*replace(PLAN, rows=4, columns=1).wires("matrix")][3:]
+    assert addresses == ["pins__row[0]", "pins__row[1]", "pins__column"]
 
 
 @each_row("level, fault", [(0, ConverterFault.STUCK), (0xFFFF, ConverterFault.STUCK | ConverterFault.ORDER)])

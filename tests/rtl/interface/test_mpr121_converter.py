@@ -26,9 +26,9 @@ SMALL = PRESETS["thesis"].replace(
 TWO = SMALL.replace(rows=6, columns=7, taxels=42, converter=dict(name="mpr121", chips=2))
 
 
-def play(config, count: int, electrodes, spoil=lambda chip, ended: None, *, first=50):
+def play(config, count: int, electrodes, spoil=lambda chip, ended: None, *, first=50, interval=0):
     """The frames, the chips and the plan; ``first``: cycles before the chip's first data."""
-    plan = dataclasses.replace(converter_plan(config), quarter=3, reset=20, first=first)
+    plan = dataclasses.replace(converter_plan(config), quarter=3, reset=20, first=first, interval=interval)
     dut = Mpr121Converter(plan)
     chip = MprSlave(dut.pins, electrodes)
     return play_frames(dut, chip, count, between=lambda ended: spoil(chip, ended)), chip, plan
@@ -105,6 +105,12 @@ def test_the_chip_has_its_time_before_its_first_data():
     assert late - early == 450
     plan = converter_plan(SMALL.replace(converter=dict(name="mpr121", hz=1e5)), 12e6)
     assert (plan.quarter, plan.reset, plan.first) == (30, 12_000, 120_000)
+    rare = converter_plan(
+        SMALL.replace(sample_rate_hz=10.0), 12e6
+    ).sleeping  # a sample in 16 ms, four within 90
+    assert (rare.first, rare.interval) == (16 * 120_000, 4)
+    chip = play(SMALL, 1, lambda address: [700] * 12, interval=4)[1]
+    assert (0x5A, 0x5D, 0x24) in chip.written
 
 
 def test_electrodes_of_cells_are_the_codes_that_make_them():

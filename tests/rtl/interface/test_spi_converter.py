@@ -88,7 +88,8 @@ def test_commands_are_those_of_the_data_sheets():
     )
     assert ads == [0x1800 | channel << 7 for channel in range(16)] + [0, 0]
     asleep = [command for _, command in plan_of("ads7953, asleep").transfers]
-    assert asleep == [*ads[:-1], 0x1820]  # power-down with the last word; two dropped answers cover waking
+    # power-down with the last word but one, in effect at the end of the last, which leaves it as it is
+    assert asleep == [*ads[:-2], 0x1820, 0]
     woken = plan_of("ad7476 in series, asleep")
     assert len(woken.transfers) == 16 * 3 and (woken.waking, woken.short) == (1, 6)
     assert plan_of("mcp3208x2, asleep") == plan_of("mcp3208x2")

@@ -1,6 +1,9 @@
 """rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts."""
 
+from amaranth.hdl import Fragment
+
 from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.rtl.interface.stimulation import Stimulation
 from eskin.rtl.interface.stimulus import Stimulus
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
@@ -53,3 +56,11 @@ def test_positions_by_the_arrays_size(rows, columns):
     wanted = [4 * (6 * (2 * y + 16) // (32 * rows)) + 4 * (2 * x + 16) // (32 * columns) for x, y in places]
     assert seen[:-1] == [(1, electrode) for electrode in wanted] and not seen[-1][0]
     assert set(wanted) >= {0, 3, 20, 23}
+
+
+@each_row("hold_s, on_limit_s, cycles", [(0.5, 2.0, [6_000_000, 24_000_000]), (1e-9, 1e-9, [1, 1])])
+def test_times_are_whole_cycles_and_one_at_least(hold_s, on_limit_s, cycles):
+    config = PRESETS["thesis"].replace(stimulator="decisions", hold_s=hold_s, on_limit_s=on_limit_s)
+    made = Stimulation(config, 12e6)
+    Fragment.get(made, None)
+    assert [made._hold, made._on] == cycles
