@@ -160,7 +160,7 @@ def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is
     found, taken = tried(lambda made: 300 + 40 * made.config.windows.steps if forests(made) else 200)
     assert found[:4] == [(1, 1), (2, 1), (2, 1), (2, 1)]  # and two other sizes on the best
     assert taken.front_end == two and network_name(taken.network) == "64 trees of depth 12"
-    assert tried(lambda made: 300 if forests(made) else 300, INSIDE)[0] == [(1, 4), (2, 4)]
+    assert tried(lambda made: 300, INSIDE)[0] == [(1, 4), (2, 4)]
     assert tried(lambda made: 400)[0] == []
 
 
