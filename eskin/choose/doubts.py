@@ -83,7 +83,8 @@ def below_baselines(
     larger = _larger(candidates or [])
     fix = "try `cell` auto" if candidates is None else larger or "no other candidate is better"
     if not best.hardware:
-        fix = f"eskin has no hardware for it; {fix}"
+        lacks = "kinds of feature for all of its statistics" if best.whole else "hardware for it"
+        fix = f"eskin has no {lacks}; {fix}"
     text = (
         f"the {best.name} classifies {percent(best.accuracy)} correctly and the network "
         f"{percent(accuracy(best))}, {100 * short:.1f} points less: {fix}"
