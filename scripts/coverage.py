@@ -85,9 +85,8 @@ def share(table: list[dict[str, Any]]) -> float:
     return sum(reachable) / len(reachable)
 
 
-def wishes() -> list[dict[str, Any]]:
-    """Fields of configurations that would hit a bin that nothing has hit: what random designs draw first."""
-    hit = {name for bins in read()["hits"].values() for name in bins}
+def wishes(hit: Iterable[str] = ()) -> list[dict[str, Any]]:
+    """Fields of configurations that would hit a bin that is not hit."""
     return [
         cross.wish(case)
         for cross in CROSSES

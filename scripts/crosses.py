@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from operator import contains
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -89,32 +90,34 @@ def text(case: Case) -> str:
 
 # ---------------------------------------------------------------------- configurations
 def build(wish: dict[str, Any]) -> AcceleratorConfig:
-    """A small configuration with these fields, the others fitted to them.
+    """A small configuration with these fields, the others fitted to them; ``pace`` is no field.
 
     Raises
     ------
     InputError
         No configuration has them.
     """
+    wish = {name: value for name, value in wish.items() if name != "pace"}
     fields = {name: value for name, value in wish.items() if GROUP_OF[name] != "readout_rule"}
     own = {name: value for name, value in wish.items() if name not in fields}
     names = tuple("abc")
     if wish.get("cell") == "image":
         config = AcceleratorConfig.of_image(6, 7, ["conv 3 4", "dense 3"], names).replace(**fields)
     else:
-        steps = wish.get("steps", wish.get("early_steps", 4))
+        steps = wish.get("early_steps", 3)
         times = dict(
-            pretrigger_frames=0, hop=4, window=8, steps=steps, touch_frames=8 * steps, rearm_frames=9
+            pretrigger_frames=0, hop=2, window=4, steps=steps, touch_frames=4 * steps, rearm_frames=9
         )
         rest = dict(
-            rest_frames=4 * (wish.get("rest", "none") != "none"),
+            rest_frames=3 * (wish.get("rest", "none") != "none"),
             band_high=9,
             bias_format=QFormat(5, 2),
             dense_bias_format=QFormat(5, 2),
         )
         usual = dict(
-            class_names=names, decision="last", store_per_window=2, onset_span=wish.get("onset_hits", 1)
+            taxels=2, hidden=4, loadable=False, class_names=names, decision="last", store_per_window=2
         )
+        usual |= dict(onset_span=wish.get("onset_hits", 1), trees=2, depth=2, nodes=4)
         config = AcceleratorConfig.of(**times | rest | usual | fields)
     if own.get("readout", "dense" if not own else "prototypes") == "prototypes":
         bits = own.get("state_code_bits", 4)
@@ -125,7 +128,8 @@ def build(wish: dict[str, Any]) -> AcceleratorConfig:
 
 
 @cache
-def _refusal(wish: tuple[tuple[str, Any], ...]) -> str:
+def refusal(wish: tuple[tuple[str, Any], ...]) -> str:
+    """Why no configuration has these fields, empty if one has them."""
     try:
         build(dict(wish))
     except InputError as error:
@@ -142,7 +146,7 @@ def of_fields(name: str, section: str, reason: str, **axes: Sequence[Any]) -> Cr
         if "reset" in values and values["cell"] != "gru":
             values["reset"] = "before"
         each = ([value] if isinstance(value, str | int) else value for value in values.values())
-        yield from itertools.product(*each)
+        yield from (case for case in itertools.product(*each) if all(map(contains, axes.values(), case)))
 
     def wish(case: Case) -> dict[str, Any]:
         fields = dict(zip(axes, case, strict=True))
@@ -152,7 +156,7 @@ def of_fields(name: str, section: str, reason: str, **axes: Sequence[Any]) -> Cr
         fields = wish(case)
         if fields.get("reset", "before") != "before" and fields["cell"] != "gru":
             return "reset is a field of the GRU"
-        return _refusal(tuple(fields.items()))
+        return refusal(tuple(fields.items()))
 
     return Cross(name, section, reason, tuple(axes.values()), cases, never, wish)
 
@@ -217,6 +221,8 @@ def _width_wish(case: Case) -> dict[str, Any]:
     """The field, and those that must go with it: products of inputs may not be finer than recurrent ones."""
     name, value = case[0], WIDTHS[case[0]][case[1]]
     beside: dict[str, Any] = dict([NEEDS[name]] if name in NEEDS else [])
+    if GROUP_OF[name] == "readout_rule":
+        beside["readout"] = "prototypes"
     if name in ("weight_format", "recurrent_format"):
         beside = dict.fromkeys(("weight_format", "recurrent_format"), value) | {"state_format": QFormat(4, 8)}
     elif name in ("feature_format", "state_format"):
@@ -224,10 +230,12 @@ def _width_wish(case: Case) -> dict[str, Any]:
         beside = {"feature_format": value, "state_format": state, "logit_format": QFormat(8, 4)}
     elif name == "activity_block":
         beside |= {"hop": 64, "window": 128, "touch_frames": 512}
+    elif name == "sample_bits":
+        beside = {"onset": "immediate"}  # whatever the samples are
     elif name == "spare_classes":
-        beside = {"class_names": tuple(f"c{k}" for k in range(value + 2))}
+        beside |= {"class_names": tuple(f"c{k}" for k in range(value + 2))}
     elif name == "state_code_shift" and value:
-        beside = {"state_format": QFormat(3, 13), "feature_format": QFormat(3, 13), "state_code_bits": 3}
+        beside |= {"state_format": QFormat(3, 13), "feature_format": QFormat(3, 13), "state_code_bits": 3}
     return beside | {name: value}
 
 
@@ -335,6 +343,8 @@ def _pace_cases(seen: Seen) -> Iterator[Case]:
 
 def _register_cases(seen: Seen) -> Iterator[Case]:
     yield from (("idle", "read"), ("busy", "read"))  # behind ARM and FINISH
+    if seen.config.hardware.loadable:
+        yield "idle", "write"
     if seen.played.probe:
         yield "touch", "write"
     if (seen.expected["open"][:, 1] > seen.expected["open"][:, 0] + 40).any():
@@ -350,6 +360,8 @@ def _flag_cases(seen: Seen) -> Iterator[Case]:
 
 
 def _narrowing_never(case: Case) -> str:
+    if case[0] == "tanh_of_state" and case[1] in ("high", "low"):
+        return "tanh lies within 1, which every format of states holds (section 6)"
     floor = case[0] == "centred" and case[1] in ("down", "up", "tie")
     return "centred is a floor (section 3): nothing is rounded" * floor
 
@@ -419,7 +431,7 @@ CROSSES = [
         "a width that is one bit short shows at the ends of the field alone",
         (tuple(WIDTHS), ("lowest", "highest")),
         _width_cases,
-        lambda case: _refusal(tuple(_width_wish(case).items())),
+        lambda case: refusal(tuple(_width_wish(case).items())),
         _width_wish,
     ),
     Cross(
@@ -443,6 +455,11 @@ CROSSES = [
         "a taxel out of use is left out of the rule and of the features at different places",
         (get_args(groups.OnsetRule), tuple(STATES.values())),
         _taxel_cases,
+        wish=lambda case: {
+            "onset": case[0],
+            "masked_taxels": (0,) if "masked" in case[1] else (),
+            "fault_frames": 4 * ("faulty" in case[1]),
+        },
     ),
     Cross(
         "samples",
@@ -450,6 +467,7 @@ CROSSES = [
         "sums and deviations are largest there",
         ((False, True), ("lowest", "highest")),
         _sample_cases,
+        wish=lambda case: {"sample_signed": case[0]},
     ),
     Cross(
         "stalls of blocks",
@@ -463,6 +481,7 @@ CROSSES = [
         "stalls shift frames against steps, each cell takes other times",
         (("full", "stalls", "declared"), get_args(groups.Cell), get_args(groups.LaneType)),
         _pace_cases,
+        wish=lambda case: dict(zip(("pace", "cell", "lane_type"), case, strict=True)),
     ),
     Cross(
         "register access",
@@ -486,6 +505,7 @@ CROSSES = [
         "the lowest class wins",
         (("a step", "a touch"), get_args(groups.Decision), get_args(groups.Readout)),
         _tie_cases,
+        wish=lambda case: dict(zip(("decision", "readout"), case[1:], strict=True)),
     ),
     Cross(
         "accumulator",

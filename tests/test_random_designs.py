@@ -22,7 +22,7 @@ SHOWN = (
 
 @pytest.mark.timeout(0 if LONG else 600)
 @pytest.mark.parametrize("part", range(6 if LONG else 1))
-@examples(2, 50)
+@examples(1, 50)
 @given(design=designs())
 def test_a_drawn_design_is_exact(tmp_path_factory, part, design):
     for field in SHOWN:

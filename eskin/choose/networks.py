@@ -546,12 +546,14 @@ def robust_dearer(search: NetworkSearch) -> Request:
     return search.request(robust)
 
 
+PROBES = Move("front ends for recurrent networks", front_end_probes)
+
 MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("fits of a linear cell", linear_fits),
     Move("the best fits on other front ends", fits_elsewhere),
     Move("trees on front ends for them", forest_probes),
     Move("trees of other sizes", forest_sizes),
-    Move("front ends for recurrent networks", front_end_probes),
+    PROBES,
     Move("units of a GRU", gru_units),
     Move("a larger GRU", larger_gru),
     Move("further seeds", other_seeds),
@@ -565,7 +567,7 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
 )
 """Moves of the search of a network."""
 
-AS_REQUESTED = (Move("front ends for recurrent networks", front_end_probes),)
+AS_REQUESTED = (PROBES,)
 """Moves for a network that the user named."""
 
 

@@ -28,7 +28,8 @@ from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs.cosim import cosimulate
-from scripts.coverage import wishes
+from scripts.coverage import read, wishes
+from scripts.crosses import build, refusal
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 
@@ -91,7 +92,38 @@ def picking(draw: st.DrawFn) -> Callable[..., Any]:
     return lambda *options: draw(st.sampled_from(options))
 
 
-WISHES = wishes() if LONG else []
+MOST_CYCLES = 4000
+"""Of a touch of a design with several wishes."""
+
+
+def together(wishes: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Few wishes that hold all of these: joined while a configuration has them all. Networks for images stay alone."""
+    found = []
+    while wishes:
+        joint: dict[str, Any] = {}
+        left = []
+        for wish in wishes:
+            both = joint | wish
+            kinds = {*joint.get("feature_kinds", ()), *wish.get("feature_kinds", ())}
+            if kinds:
+                both["feature_kinds"] = tuple(kind for kind in FEATURE_KINDS if kind in kinds)
+            fits = all(both[name] == value for name, value in joint.items() if name != "feature_kinds")
+            fits = fits and not (joint and (both.get("cell") == "image" or refusal(tuple(both.items()))))
+            if fits and joint:
+                config = build(both)
+                cycles = config.last_frame * config.sensor.taxels
+                fits = cycles + config.windows.steps * config.step_ideal < MOST_CYCLES
+            if fits:
+                joint = both
+            else:
+                left.append(wish)
+        found.append(joint)
+        wishes = left
+    return found
+
+
+HIT = {bin for bins in read()["hits"].values() for bin in bins} if LONG else set()
+WISHES = together(wishes(HIT)) if LONG else []
 """Fields that nothing has covered yet: in long runs most designs begin with some of them."""
 
 
@@ -199,10 +231,11 @@ def designs(draw: st.DrawFn) -> Design:
     """Whole designs: of recordings, as on a chip, behind a converter; of images."""
 
     pick = picking(draw)
-    wish = pick(*WISHES) if WISHES and pick(True, True, True, False) else {}
+    wish = dict(pick(*WISHES)) if WISHES and pick(True, True, True, False) else {}
+    pace = wish.pop("pace", "")
     rule = {name: value for name, value in wish.items() if GROUP_OF[name] == "readout_rule"}
     image = wish.get("cell") == "image"
-    config, stalls = draw(configurations({} if image else wish)), pick(False, True)
+    config, stalls = draw(configurations({} if image else wish)), pace == "stalls" or pick(False, True)
     chip = "none" if wish else pick("none", "none", "none", *SPI_CHIPS, "spi", "matrix")
     try:
         if (

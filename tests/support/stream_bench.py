@@ -15,14 +15,18 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 """
 
 import random
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from amaranth.hdl import ClockDomain, Fragment, Module, Shape, Value
+from amaranth.hdl import Cat, ClockDomain, Fragment, Module, Shape, Signal, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
 from scripts.crosses import STALLS, blocks
 from tests.support.covered import note
+
+SIDES = ((0.3, 0.5), (0.4, 0.0), (0.0, 0.5))
+"""Stalls of sender and reader, in each way in which there are any."""
 
 
 class Beat(NamedTuple):
@@ -86,17 +90,23 @@ class Bench:
         The simulation fails after so many.
     quiet:
         Cycles without a transfer, after the last driver is done, that end it.
+    taps:
+        Signals behind one another in the signal ``taps``: to sample it takes less time than to sample each.
     """
 
-    def __init__(self, dut, *, seed: int = 0, max_cycles: int = 200_000, quiet: int = 80) -> None:
+    def __init__(
+        self, dut, *, seed: int = 0, max_cycles: int = 200_000, quiet: int = 80, taps: Sequence = ()
+    ) -> None:
         self.dut, self.max_cycles, self.quiet = dut, max_cycles, quiet
         self.cycle = 0
         self._moved = 0
         self._busy = 0
-        self._random, self._stalls = random.Random(seed), [False, False]
+        self._random, self.stalls = random.Random(seed), [False, False]
         top = Module()
         top.domains.sync = ClockDomain()  # also for a dut without registers
         top.submodules.dut = dut
+        self.taps = Signal(max(1, len(Cat(*taps))))
+        top.d.comb += self.taps.eq(Cat(*taps))
         self._sim = Simulator(top)
         self._sim.add_clock(1e-6)
 
@@ -107,7 +117,7 @@ class Bench:
         stall: chance of an idle cycle before each beat, repeated. gaps: idle cycles before each beat, instead
         (0 for the rest). after: cycle before which nothing is sent.
         """
-        self._stalls[0] |= bool(stall or gaps)
+        self.stalls[0] |= bool(stall or gaps)
         rng, accepted, payload = random.Random(self._random.random()), [], Value.cast(stream.payload)
         pauses = iter(gaps or ())
         packed = [pack(stream.payload.shape(), beat) for beat in beats]
@@ -140,7 +150,7 @@ class Bench:
     def collect(self, stream, *, stall: float = 0.0) -> list[Beat]:
         """Take everything ``stream`` offers; ``ready`` is low with chance ``stall``, drawn anew each cycle.
         Protocol checked."""
-        self._stalls[1] |= bool(stall)
+        self.stalls[1] |= bool(stall)
         rng, out, shape = random.Random(self._random.random()), [], stream.payload.shape()
 
         async def taker(ctx):
@@ -206,8 +216,9 @@ class Bench:
         # added last: the others see the number of the cycle whose edge they woke at
         self._sim.add_testbench(conductor)
         self._sim.run()
-        if (name := type(self.dut).__name__) in blocks():  # others have one stream, or none
-            note("stalls of blocks", name, STALLS[self._stalls[0], self._stalls[1]])
+        name = type(getattr(self.dut, "block", self.dut)).__name__  # of a wrapper its block
+        if name in blocks():  # others have one stream, or none
+            note("stalls of blocks", name, STALLS[self.stalls[0], self.stalls[1]])
         return self.cycle
 
 

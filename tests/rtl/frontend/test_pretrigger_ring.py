@@ -15,18 +15,18 @@ class Ring(wiring.Component):
     averager does."""
 
     def __init__(self, config):
-        self.ring, self.beats = PreTriggerRing(config), config.last_frame * config.sensor.taxels
+        self.block, self.beats = PreTriggerRing(config), config.last_frame * config.sensor.taxels
         super().__init__(
-            {name: port for name, port in self.ring.signature.members.items() if name != "touch_last"}
+            {name: port for name, port in self.block.signature.members.items() if name != "touch_last"}
         )
 
     def elaborate(self, platform):
         m, left = Module(), Signal(range(self.beats), init=self.beats - 1)
-        m.submodules.ring = self.ring
-        wiring.connect(m, wiring.flipped(self.i), self.ring.i)
-        wiring.connect(m, self.ring.o, wiring.flipped(self.o))
+        m.submodules.ring = self.block
+        wiring.connect(m, wiring.flipped(self.i), self.block.i)
+        wiring.connect(m, self.block.o, wiring.flipped(self.o))
         accepted = self.o.valid & self.o.ready
-        m.d.comb += self.ring.touch_last.eq(left == 0)
+        m.d.comb += self.block.touch_last.eq(left == 0)
         with m.If(accepted):
             m.d.sync += left.eq(Mux(left == 0, self.beats - 1, left - 1))
         return m

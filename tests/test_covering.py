@@ -1,0 +1,60 @@
+"""Few small designs that together have every bin of a configuration (`scripts.coverage.wishes`), each in Amaranth's
+simulator against the golden model at every stage."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from eskin.rtl.program.schedule import lowest_clock_hz
+from eskin.training.made_up import decided_recordings
+from eskin.verbs import cosim
+from scripts.coverage import wishes
+from scripts.crosses import build
+from tests.rtl.top.test_accelerator import STAGES, play
+from tests.support.covered import observe
+from tests.support.random_models import random_integer_model
+from tests.support.strategies import together
+
+PARTS = 12
+"""Tests, each with every twelfth design."""
+
+
+@cache
+def designs():
+    """Fields of configurations of recordings; tests/cosim/test_image_cosim.py has the images."""
+    return [wish for wish in together(wishes()) if wish.get("cell") != "image"]
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_bin_of_a_configuration_is_exact(part, tmp_path):
+    for number, wish in [*enumerate(designs(), 1)][part::PARTS]:
+        model = random_integer_model(build(wish), number)
+        config = model.config
+        if config.network.cell in ("lstm", "linear"):  # two classes tie
+            of_class = {"V", "b_y", "prototypes", "taught", "taught_count"} & {*model.arrays}
+            places = [0, 1, 1, *range(3, config.classes)]
+            axes = {"V": -2}
+            alike = {name: model.arrays[name].take(places, axes.get(name, 0)) for name in of_class}
+            model = replace(model, arrays=model.arrays | alike)
+        rest, rearm = config.rest_level.rest_frames, config.onset_rule.rearm_frames
+        touch = rest + config.last_frame + 2 * config.windows.hop
+        lengths = [touch, 2 * (touch + rearm), max(rest - 1, 1), touch // 2, touch * 2 // 3, rest + 3]
+        data, _ = decided_recordings(
+            model, lengths[: 1 if touch * config.inputs * config.sensor.scan_every > 1000 else None]
+        )
+        pace = wish.get("pace", ("full", "stalls")[number % 2])
+        period = lowest_clock_hz(config) / config.sensor.sample_rate_hz * (pace == "declared")
+        streams, statuses = play(model, data, stall=0.3 * (pace == "stalls"), frame_cycles=period)
+        expected = dict(np.load(cosim.expected_of(model, data, tmp_path / "vectors.npz")))
+        assert len(expected["decision"]), wish
+        for stage in (*STAGES, "decision"):
+            assert streams[stage] == expected[stage].tolist(), (stage, wish)
+        flags = int(np.bitwise_or.reduce([status[1] for status in statuses]))
+        played = SimpleNamespace(bit_exact=True, pace=pace, stalls=pace == "stalls", probe=None)
+        observe(
+            SimpleNamespace(config=config, expected=expected),
+            SimpleNamespace(**vars(played), registers={"FAULTS": flags}),
+        )
