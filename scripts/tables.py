@@ -98,7 +98,7 @@ def placed(config: AcceleratorConfig) -> Row:
         result.logic_cells,
         f"{result.bram} + {result.spram}",
         ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result.seeds.values()),
-        energy.activity.step_cycles,
+        round(energy.activity.step_cycles),
         f"{1e6 * touch_j:.2f} uJ",
         f"{1e6 * energy.choices[1].idle_w:.1f} uW",
     )
