@@ -195,32 +195,43 @@ def _size(value: Any) -> Any:
     return getattr(value, "width", value)
 
 
-NEEDS: dict[str, tuple[str, Any]] = {
-    "integral_frac": ("feature_kinds", ("integral",)),
-    "activity_block": ("feature_kinds", ("activity",)),
-    "early_steps": ("decision", "early"),
+NEEDS: dict[str, dict[str, Any]] = {
+    "integral_frac": {"feature_kinds": ("integral",)},
+    # where no deviation changes its sign, a sum of magnitudes is the same wherever blocks end
+    "activity_block": {"feature_kinds": ("activity",), "activity_rule": "change"},
+    "early_steps": {"decision": "early"},
 }
-"""Fields without effect but with another, and a value of that."""
-RECURRENT = {"hidden", "table_entries", *("weight_format", "recurrent_format", "bias_format", "state_format")}
+"""Fields without effect but with others, and values of those."""
+RECURRENT = "hidden", "table_entries", "weight_format", "recurrent_format", "bias_format", "state_format"
+
+
+def _agreed(rows: np.ndarray) -> int:
+    """Most steps of a touch in a row with one class, of rows of decisions."""
+    local = rows[rows[:, 0] == 0, 1:3]
+    ends = np.flatnonzero((np.diff(local, axis=0) != (1, 0)).any(axis=1))
+    return max(np.diff([-1, *ends, len(local) - 1]))
 
 
 def _width_cases(seen: Seen) -> Iterator[Case]:
-    config = seen.config
-    for name, ends in WIDTHS.items():
-        other, needed = NEEDS.get(name, ("name", config.name))
-        used = config.value(other)
-        if GROUP_OF[name] == "readout_rule" and not config.has_prototypes:
-            continue
-        if (name in RECURRENT and not config.recurrent) or (needed != used and needed[0] not in used):
-            continue
+    """Of a run with decisions: whole windows, and blocks, have come."""
+    config, rows = seen.config, seen.expected["decision"]
+    for name, ends in WIDTHS.items() if len(rows) else ():
         value = _size(config.value(name))
-        yield from ((name, end) for end, at in ends.items() if value == _size(at))
+        if (
+            (config.has_prototypes or GROUP_OF[name] != "readout_rule")
+            and (config.recurrent or name not in RECURRENT)
+            and all(
+                np.isin(needed, config.value(other)).all() for other, needed in NEEDS.get(name, {}).items()
+            )
+            and (name != "early_steps" or _agreed(rows) >= value)
+        ):
+            yield from ((name, end) for end, at in ends.items() if value == _size(at))
 
 
 def _width_wish(case: Case) -> dict[str, Any]:
     """The field, and those that must go with it: products of inputs may not be finer than recurrent ones."""
     name, value = case[0], WIDTHS[case[0]][case[1]]
-    beside: dict[str, Any] = dict([NEEDS[name]] if name in NEEDS else [])
+    beside = dict(NEEDS.get(name, {}))
     if GROUP_OF[name] == "readout_rule":
         beside["readout"] = "prototypes"
     if name in ("weight_format", "recurrent_format"):
@@ -299,11 +310,8 @@ def _command_cases(seen: Seen) -> Iterator[Case]:
 
 
 def _taxel_cases(seen: Seen) -> Iterator[Case]:
-    masked, faulty = (
-        bool(seen.config.sensor.masked_taxels),
-        "flags" in seen.expected and seen.expected["flags"].any(),
-    )
-    yield seen.config.onset_rule.onset, STATES[masked, bool(faulty)]
+    masked, faulty = seen.config.sensor.masked_taxels, np.any(seen.expected.get("flags"))
+    yield seen.config.onset_rule.onset, STATES[bool(masked), bool(faulty)]
 
 
 STATES = {
@@ -316,9 +324,9 @@ STATES = {
 
 def _sample_cases(seen: Seen) -> Iterator[Case]:
     config = seen.config
-    fmt, samples = config.sample_format, seen.expected["samples"].astype(np.int64)
+    fmt, samples = config.sample_format, seen.expected["samples"]
     if fmt.signed:
-        samples = samples.astype(np.uint16).astype(np.int16).astype(np.int64)
+        samples = samples.astype(np.uint16).view(np.int16)
     for end, code in (("lowest", fmt.min_code), ("highest", fmt.max_code)):
         if (samples == code).any():
             yield config.sensor.sample_signed, end
