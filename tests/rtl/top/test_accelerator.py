@@ -2,7 +2,7 @@
 host's view."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from eskin.rtl.program.memory_map import (
     ID_VALUE,
     Control,
     Fault,
+    Measure,
     Register,
     Status,
     load_writes,
@@ -116,6 +117,7 @@ def play(
     during=None,
     frame_cycles: float = 0,
     left_off: int = 0,
+    begun: Sequence[np.ndarray] = (),
     then: IntegerModel | None = None,
     writes: list[tuple[int, int]] | None = None,
     prepare: Callable[[Bench], None] = lambda bench: None,
@@ -125,6 +127,8 @@ def play(
 
     ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many
     cycles after the frame before. ``left_off``: so many taxels are missing at the end of every recording.
+
+    ``begun``: frames of a recording that ARM ends in its first touch, before all others.
     ``then``: a model of the same design that the host loads after all recordings, which are played again.
     ``writes``: in place of the model's. ``prepare`` adds to the bench before it runs.
     """
@@ -153,6 +157,18 @@ def play(
         host = Host(dut, ctx)
         assert await host.read(Register.ID) == ID_VALUE
         await load(host, load_writes(config, model.arrays) if writes is None else writes)
+        if len(begun):
+            await host.write(Register.CONTROL, Control.ARM)
+            for samples in begun:
+                await give_frame(ctx, dut.i, samples)
+                if await host.read(Register.STATUS) & Status.TOUCH:
+                    break
+            else:
+                raise AssertionError("no touch is open")
+            await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick().repeat(9)
+            for stream in (*streams.values(), decisions):
+                stream.clear()
         await play_all(ctx, host)
         if then is not None:
             await load(host, load_writes(config, then.arrays))
@@ -176,6 +192,8 @@ def play(
                 pauses = lambda: stall and rng.random() < stall
                 await give_frame(ctx, dut.i, samples, pauses, len(samples) - left)
             await host.write(Register.CONTROL, Control.FINISH)
+            assert ctx.get(dut.busy)
+            await host.write(Register.MEASURE, Measure.STEP)  # which changes nothing of it
             await host.until_idle()
             statuses.append(
                 (
