@@ -58,7 +58,8 @@ def test_a_short_touch_is_fitted_with_the_features_of_its_last_window():
 def test_trees_under_disturbance_lose_taxels_and_none_sticks():
     plain, robust = choose_recipe(CONFIG), choose_recipe(CONFIG, robust=True)
     linear = choose_recipe(CONFIG.replace(cell="linear"), robust=True)
-    assert robust.augments and robust.updates == 2 * plain.updates and not plain.channel_dropout
+    assert robust.augments and robust.updates == plain.updates and not plain.channel_dropout
+    assert linear.updates == 2 * plain.updates
     assert robust.channel_dropout == linear.channel_dropout > 0 < linear.taxel_failure
     assert robust.taxel_failure == 0 < robust.offset < linear.offset
 
