@@ -70,6 +70,9 @@ both, 100 level."""
 FORESTS, PROBED = ((16, 8), (32, 10), (64, 12)), 2
 """Trees of a forest and their depth; the place of those that find the front end."""
 
+MOST_FOREST_VALUES = 250_000
+"""Most features of all touches that trees are tried on: a forest of more takes tens of seconds in each choice."""
+
 STURDY: dict[str, Record] = {
     f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.1, 0.3, 1.0)
 }
@@ -369,9 +372,9 @@ def forest_probes(search: NetworkSearch) -> Request:
     """Trees on each front end that may suit them, unless no other network can be better."""
     if any(one.settled for one in search.tried):
         return Request()
-    return search.request(
-        search.usable(search.options.forest(on, *FORESTS[PROBED]) for on in search.front_ends.for_trees)
-    )
+    most = MOST_FOREST_VALUES / len(search.rows)
+    ons = [on for on in search.front_ends.for_trees if on.windows.steps * on.inputs <= most]
+    return search.request(search.usable(search.options.forest(on, *FORESTS[PROBED]) for on in ons))
 
 
 def forest_sizes(search: NetworkSearch) -> Request:

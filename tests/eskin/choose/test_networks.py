@@ -145,7 +145,7 @@ def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_ch
     assert played([CONFIG, DEAR], better, SearchOptions(cell="linear"))[0] == []
 
 
-def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is_settled():
+def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is_settled(monkeypatch):
     divided = dict(window_mode="whole", store_per_window=8, touch_frames=65535, decision="last")
     one, two = (
         TOUCHED.replace(hop=4, window=8, steps=steps, feature_kinds=("mean",), **divided) for steps in (1, 2)
@@ -162,6 +162,8 @@ def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is
     assert taken.front_end == two and network_name(taken.network) == "64 trees of depth 12"
     assert tried(lambda made: 300, INSIDE)[0] == [(1, 4), (2, 4)]
     assert tried(lambda made: 400)[0] == []
+    monkeypatch.setattr("eskin.choose.networks.MOST_FOREST_VALUES", 400 * one.inputs)
+    assert tried(lambda made: 300, INSIDE)[0] == [(1, 4)]  # two windows are too many values
 
 
 def test_inside_folds_a_choice_is_short():
