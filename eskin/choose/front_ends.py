@@ -620,15 +620,15 @@ def _for_trees(judged: Sequence[ScoredCandidate]) -> tuple[AcceleratorConfig, ..
     if not dividing:
         return ()
     best = best_of(dividing).candidate.front_end
-    densest = min(one.config.sensor.scan_every for one in dividing)
+    densest = min(scored.config.sensor.scan_every for scored in dividing)
     means = dict.fromkeys(
-        one.candidate.front_end
-        for one in sorted(dividing, key=lambda one: one.config.windows.steps)
-        if _same_gate(one.candidate.front_end, best)
-        and one.config.windows.steps in FOREST_WINDOWS
-        and one.config.features.feature_kinds == ("mean",)
-        and one.config.sensor.scan_every == densest
-        and one.config.features.feature_scale == best.features.feature_scale
+        scored.candidate.front_end
+        for scored in sorted(dividing, key=lambda scored: scored.config.windows.steps)
+        if _same_gate(scored.candidate.front_end, best)
+        and scored.config.windows.steps in FOREST_WINDOWS
+        and scored.config.features.feature_kinds == ("mean",)
+        and scored.config.sensor.scan_every == densest
+        and scored.config.features.feature_scale == best.features.feature_scale
     )
     active = (valid(on, feature_kinds=("mean", "activity"), activity_rule="change") for on in means)
     return tuple(dict.fromkeys([*means, *filter(None, active)]))

@@ -370,7 +370,7 @@ def fits_elsewhere(search: NetworkSearch) -> Request:
 
 def forest_probes(search: NetworkSearch) -> Request:
     """Trees on each front end that may suit them, unless no other network can be better."""
-    if any(one.settled for one in search.tried):
+    if any(scored.settled for scored in search.tried):
         return Request()
     most = MOST_FOREST_VALUES / len(search.rows)
     ons = [on for on in search.front_ends.for_trees if on.windows.steps * on.inputs <= most]
@@ -379,7 +379,7 @@ def forest_probes(search: NetworkSearch) -> Request:
 
 def forest_sizes(search: NetworkSearch) -> Request:
     """Trees of other numbers and depths on the best of these front ends."""
-    forests = [one for one in search.tried if one.config.is_forest]
+    forests = [scored for scored in search.tried if scored.config.is_forest]
     if not forests:
         return Request()
     on = best_of(forests).candidate.front_end
@@ -477,9 +477,11 @@ def windows_of_the_touch(search: NetworkSearch) -> Request:
 
 def robust_trees(search: NetworkSearch) -> Request:
     """The best trees fitted to disturbances, on their front end and on sturdier ones, if they are level without any."""
-    calm, hardening, effort = search.calm, search.hardening, search.effort
-    forests = [one for one in search.tried if one.config.is_forest and not one.candidate.recipe.robust]
-    if calm is None or hardening is None or calm.config.is_forest or not forests:
+    hardening, effort = search.hardening, search.effort
+    forests = [
+        scored for scored in search.tried if scored.config.is_forest and not scored.candidate.recipe.robust
+    ]
+    if search.calm is None or hardening is None or search.calm.config.is_forest or not forests:
         return Request()
     best = best_of(forests)
     if not is_level(best_of(search.tried).correct, best.correct):

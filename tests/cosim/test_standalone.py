@@ -68,12 +68,12 @@ SEEDED = {
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", SEEDED)
 def test_a_converter_that_does_not_sleep_or_wakes_late_is_found(fault, tmp_path, monkeypatch):
-    board, change, told = SEEDED[fault]
+    board, change, words = SEEDED[fault]
     kind = type(standby.standby_plan(board, 12e6))
     asleep = kind.sleeping.fget
     monkeypatch.setattr(kind, "sleeping", property(lambda plan: change(asleep(plan))))
     played = found(tmp_path, 200, board)
-    assert not played.passed and told in played.mismatch_list[0]
+    assert not played.passed and words in played.mismatch_list[0]
 
 
 @pytest.mark.slow

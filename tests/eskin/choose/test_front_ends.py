@@ -195,7 +195,7 @@ def test_trees_are_tried_on_few_windows_of_the_touch_with_all_scans_and_activity
     means = [dividing(80, 1), dividing(85, 2), dividing(90, 20), dividing(88, 8, **other)]
     everything = [judged(99), *means, dividing(91, 2, every=2), dividing(70, 2, kinds=("mean", "highest"))]
     found = listed(everything, priced()).for_trees
-    few = [one.candidate.front_end for one in means[:2]]
+    few = [scored.candidate.front_end for scored in means[:2]]
     assert list(found[:2]) == few
     active = dict(feature_kinds=("mean", "activity"), activity_rule="change")
     assert [on.replace(name="derived") for on in found[2:]] == [on.replace(**active) for on in few]

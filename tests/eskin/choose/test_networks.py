@@ -147,22 +147,22 @@ def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_ch
 
 def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is_settled(monkeypatch):
     divided = dict(window_mode="whole", store_per_window=8, touch_frames=65535, decision="last")
-    one, two = (
+    single, double = (
         TOUCHED.replace(hop=4, window=8, steps=steps, feature_kinds=("mean",), **divided) for steps in (1, 2)
     )
 
     def tried(right, effort=WHOLE):
-        asked, taken, _ = played([CONFIG], right, effort=effort, for_trees=(one, two))
-        found = [(steps, share) for units, steps, _, share, _ in asked if units == "trees"]
-        return found, taken
+        requests, choice, _ = played([CONFIG], right, effort=effort, for_trees=(single, double))
+        found = [(steps, share) for units, steps, _, share, _ in requests if units == "trees"]
+        return found, choice
 
     forests = lambda made: made.config.network.cell == "trees"
-    found, taken = tried(lambda made: 300 + 40 * made.config.windows.steps if forests(made) else 200)
+    found, choice = tried(lambda made: 300 + 40 * made.config.windows.steps if forests(made) else 200)
     assert found[:4] == [(1, 1), (2, 1), (2, 1), (2, 1)]  # and two other sizes on the best
-    assert taken.front_end == two and network_name(taken.network) == "64 trees of depth 12"
+    assert choice.front_end == double and network_name(choice.network) == "64 trees of depth 12"
     assert tried(lambda made: 300, INSIDE)[0] == [(1, 4), (2, 4)]
     assert tried(lambda made: 400)[0] == []
-    monkeypatch.setattr("eskin.choose.networks.MOST_FOREST_VALUES", 400 * one.inputs)
+    monkeypatch.setattr("eskin.choose.networks.MOST_FOREST_VALUES", 400 * single.inputs)
     assert tried(lambda made: 300, INSIDE)[0] == [(1, 4)]  # two windows are too many values
 
 
