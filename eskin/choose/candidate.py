@@ -121,7 +121,7 @@ class ScoredCandidate:
         """Result of ``disturbed``, computed at the first access."""
         return self.disturbed() if self.disturbed else None
 
-    @property
+    @cached_property
     def config(self) -> AcceleratorConfig:
         """The design; of trees with the sizes of the largest that were fitted."""
         config = self.candidate.config

@@ -812,13 +812,14 @@ def features(
     block = block_of(config.windows.hop)
     small, large, middle = ("change", 1), ("sum", block), ("change", block)
     kinds: list[tuple[tuple[str, ...], tuple[str, int]]] = [(("mean",), ("sum", 1))]
+    # in windows that divide the touch, activity makes a lost taxel worse
     if config.windows.window % 2 == 0 and config.windows.window_mode == "free":
         kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
     if extremes:
         kinds += [(("mean", *EXTREMES), ("sum", 1))]
-    if not config.follows_touch:  # there activity makes a lost taxel worse
+    if not config.follows_touch:
         kinds += [(("mean", "integral"), ("sum", 1))]
     candidates = []
     for kind, (rule, length) in kinds:

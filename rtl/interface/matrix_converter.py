@@ -64,10 +64,8 @@ class MatrixConverter(Block):
         last_column, last_row = pins.column == plan.columns - 1, pins.row == plan.rows - 1
         taken = Signal()  # the word is there
         m.d.sync += [taken.eq(master.done & converting), settle.eq(settle - ~settled)]
-        waking, dozing = (
-            Signal(init=plan.port.waking),
-            Signal(),
-        )  # transfers without a code, before and behind the cells
+        # transfers without a code, before and behind the cells
+        waking, dozing = Signal(init=plan.port.waking), Signal()
         sleeps, ready, cell_over = plan.port.short > 0, settled, taken
         if sleeps:
             ready, cell_over = settled | waking | dozing, taken & ~waking & ~dozing
