@@ -86,8 +86,10 @@ def _split_name(split: Judged, things: str = "recordings") -> str:
 
 
 def network_label(config: AcceleratorConfig) -> str:
-    """``GRU 12``, ``linear`` or ``trees``."""
+    """``GRU 12``, ``linear`` or ``64 trees``."""
     network = config.network
+    if config.is_forest:
+        return f"{config.forest.trees} trees"
     return f"{network.cell.upper()} {network.hidden}" if config.recurrent else network.cell
 
 

@@ -130,7 +130,9 @@ def cells_of(config: AcceleratorConfig) -> int:
 
 def by_lanes(config: AcceleratorConfig) -> list[OnLanes]:
     """A network on every number of lanes that BOARD has multipliers for;
-    one of them stays for element-wise operations, which images have none of."""
+    one of them stays for element-wise operations, which images have none of. Trees have no lanes."""
+    if config.is_forest:
+        return []
     target = find_target(BOARD)
     most = target.room.multipliers if target.room else 1
     rows = []

@@ -89,6 +89,7 @@ def test_a_network_is_priced_on_every_number_of_lanes():
     assert [rows[3].latency_s, rows[3].cells] == [cost.latency_s, cost.cells]
     cells, times = ([row.cells for row in rows], [row.latency_s for row in rows])
     assert cells == sorted(set(cells)) and times == sorted(times, reverse=True)
+    assert by_lanes(config.replace(cell="trees", decision="last")) == []
 
 
 COUNTED = {
