@@ -97,8 +97,10 @@ class Hardening:
             threshold = max(1, round(over * rule.onset_threshold))
             gate = dict(onset_hits=hits, onset_span=span, onset_threshold=threshold)
             one = valid(level, clip=clip and max(clip, 2 * threshold), **gate)
-            opened = self.stress.false_onsets(one) if one else np.inf
-            if one and opened < least and len(self.screen.touches(one)) >= fewest:
+            if one is None or len(self.screen.touches(one)) < fewest:
+                continue  # its windows tell nothing
+            opened = self.stress.false_onsets(one)
+            if opened < least:
                 if least > SELDOM >= opened > 0:
                     yield one
                 best, least = one, opened

@@ -149,10 +149,12 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
     if config.is_forest:
         profiler.note("logit", model.forward(features)[1])
         return profiler.ranges | {COVERED_FEATURE: (-covered, covered)}
-    parameters = {name: torch.tensor(array, dtype=torch.float64) for name, array in model.arrays.items()}
-    with torch.no_grad():
-        logits = run_cell(profiler, config, parameters, torch.from_numpy(features))[1]
-    if not config.recurrent:
+    if config.recurrent:
+        parameters = {name: torch.tensor(array, dtype=torch.float64) for name, array in model.arrays.items()}
+        with torch.no_grad():
+            run_cell(profiler, config, parameters, torch.from_numpy(features))
+    else:  # without a function of a sum numpy does the same in half the time
+        logits = run_cell(profiler, config, model.arrays, features)[1]
         begun = touches.completed > 0
         last = logits[begun, np.minimum(touches.completed[begun], features.shape[1]) - 1]
         profiler.ranges[LAST_LOGIT] = (float(last.min()), float(last.max()))
