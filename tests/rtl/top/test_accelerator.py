@@ -159,6 +159,7 @@ def play(
         await load(host, load_writes(config, model.arrays) if writes is None else writes)
         if len(begun):
             await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
             for samples in begun:
                 await give_frame(ctx, dut.i, samples)
                 if await host.read(Register.STATUS) & Status.TOUCH:
