@@ -298,7 +298,7 @@ SEEDS = {
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 5)) for k, seed in enumerate([None, *SEEDS])]
+    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 3)) for k, seed in enumerate([None, *SEEDS])]
 )
 def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
     """Under cocotb, and of the first and the last ones in bulk, too."""

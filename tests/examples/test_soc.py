@@ -64,6 +64,7 @@ def decided(output):
     return [name for name, *_ in counts]
 
 
+@pytest.mark.slow
 def test_a_small_model_reads_a_converter(tmp_path):
     archived(scene(3), tmp_path)
     random_integer_model(SMALL.replace(cell="linear"), 1).save(tmp_path / "model")
