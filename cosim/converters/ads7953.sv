@@ -68,5 +68,6 @@ module converter #(
             end else if (in[15:12] != 4'b0000) violations = violations + 1;   // a mode that this model does not know
         end
     end
-    assign miso[0] = fault == 1 ? 1'b0 : fault == 2 || cs_n[0] ? 1'b1 : out[15];
+    wire level = fault == 1 ? 1'b0 : fault == 2 || cs_n[0] ? 1'b1 : out[15];
+    assign #(380000.0 / CYCLE_PS) miso[0] = level;                            // 38 ns behind CS or a falling edge
 endmodule
