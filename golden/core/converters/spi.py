@@ -40,9 +40,10 @@ class SpiChip:
     the channel's number in it (0 bits: none); zeros: bits of it that are 0 by the data sheet. sclk_hz,
     conversions_hz: highest rates. high_s, lead_s: shortest time with select high between transfers, and from
     its fall to the first clock. answer_s: longest time until a line has the next bit, behind a falling clock or select
-    (None: not known). most: largest number of chips (0: any number); instead: advice for more taxels. watt, stated, asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word but
-    one of a scan, so that it sleeps from the scan's end until the second transfer of the next begins; sleep_bits: a last
-    transfer of so few clocks puts it to sleep. waking: transfers of a scan that only wake it.
+    (None: not known). most: largest number of chips (0: any number); instead: advice for more taxels. watt, stated,
+    asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word but one of a scan, so that it sleeps from
+    the scan's end until the second transfer of the next begins; sleep_bits: a last transfer of so few clocks puts it to
+    sleep. waking: transfers of a scan that only wake it.
     """
 
     bits: int
@@ -204,6 +205,11 @@ class SpiPlan(Plan):
             "FRAME_BITS": self.chip.bits,
             "TAXELS": config.sensor.taxels,
         }
+
+    @property
+    def sclk_cycles(self) -> int:  # type: ignore[override]
+        """Cycles of a period of SCLK."""
+        return 2 * self.half
 
     @property
     def transfer_cycles(self) -> int:
