@@ -19,7 +19,7 @@ class SpiSlave:
         pins, lines, cycle = self.pins, len(self.pins.miso), 0
         idle = (1 << len(pins.cs_n)) - 1
         words, sent, heard, select, clock = [0] * lines, 0, 0, idle, 0
-        said = deque([(1 << lines) - 1] * self.late)
+        levels = deque([(1 << lines) - 1] * self.late)
         ctx.set(pins.miso, (1 << lines) - 1)
         while True:
             await ctx.tick()
@@ -38,10 +38,10 @@ class SpiSlave:
                 self.edges.append((cycle, "clock", level))
             select, clock = now, level
             place = self.bits - 1 - sent
-            said.append(
+            levels.append(
                 (1 << lines) - 1
                 if now == idle or place < 0
                 else sum((words[k] >> place & 1) << k for k in range(lines))
             )
-            ctx.set(pins.miso, said.popleft())
+            ctx.set(pins.miso, levels.popleft())
             cycle += 1

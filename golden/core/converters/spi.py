@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge, Interval
 from pydantic import StrictInt, StrictStr
@@ -135,7 +135,7 @@ SPI_CHIPS: dict[str, SpiChip] = {
     ),
 }
 """``mcp3208x2`` runs at 3.3 V with its limits for 2.7 V. ``high_s`` of the ads7953 and of the ad7476 is
-longer than their data sheets require; ``answer_s`` is that of the lowest supply of the pins."""
+longer than their data sheets require; ``answer_s`` holds down to pins at 1.8 V."""
 PADS_S = 30e-9
 """From a register through the part's pad and the wire to a chip, and back from its line to the next register."""
 
@@ -228,8 +228,8 @@ class SpiPlan(Plan):
 
     @property
     def scan_cycles(self) -> int:
-        """Cycles from the sample clock to the last code of a frame, at most. A transfer waits until the lines of the one
-        before are handed on."""
+        """Cycles from the sample clock to the last code of a frame, at most. A transfer waits until all lines of its
+        predecessor are handed on."""
         each = self.transfer_cycles + max(0, self.lines + 1 - self.high)
         saved = 2 * self.half * (self.chip.bits - self.short) if self.short else 0
         return len(self.transfers) * each - self.selects * saved + 1
@@ -254,7 +254,7 @@ def fewest_cycles(chip: SpiChip, clock_hz: float) -> int:
     return 1 if cycles <= 1 else max(HALF_MIN, math.ceil(1 + cycles / 2))
 
 
-def times(chip: SpiChip, clock_hz: float, sclk_hz: float, fewest: int = HALF_MIN) -> dict[str, int]:
+def times(chip: SpiChip, clock_hz: float, sclk_hz: float, fewest: int = HALF_MIN) -> dict[str, Any]:
     """half, lead and high of a plan, by the chip's data sheet."""
     half = half_period(clock_hz, min(chip.sclk_hz, sclk_hz), fewest)
     period = clock_hz / chip.conversions_hz  # 0 where the chip's rate has no limit (infinity)
