@@ -12,15 +12,17 @@ module converter #(
     parameter integer CODE_BIT = 0, parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 0, parameter integer TAG_BITS = 0,
     parameter integer ZEROS = 0
 ) (
-    input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output reg [LINES-1:0] miso,
+    input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output wire [LINES-1:0] miso,
     input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations, output reg asleep
 );
     reg [11:0] held [0:TAXELS-1];
     integer falls = 0, k = 0, s = 0, at = 0, clocked = 0, waking = 0;
+    reg [LINES-1:0] said;
+    assign #(400000.0 / CYCLE_PS) miso = said;  // 40 ns behind CS or a falling edge
     initial begin
         violations = 0;
         asleep = 1'b0;
-        miso = {LINES{1'b1}};
+        said = {LINES{1'b1}};
     end
     always @(cs_n, negedge sclk) begin
         if (&cs_n) begin
@@ -43,9 +45,9 @@ module converter #(
         for (k = 0; k < LINES; k = k + 1) begin
             s = 0;
             while (s < SELECTS - 1 && cs_n[s]) s = s + 1;
-            if (fault == 1) miso[k] = 1'b0;
-            else if (fault == 2 || falls < 0 || falls > 15 || (fault == 3 && s * LINES + k == TAXELS - 1)) miso[k] = 1'b1;
-            else miso[k] = falls < 4 ? 1'b0 : held[s * LINES + k][15 - falls];
+            if (fault == 1) said[k] = 1'b0;
+            else if (fault == 2 || falls < 0 || falls > 15 || (fault == 3 && s * LINES + k == TAXELS - 1)) said[k] = 1'b1;
+            else said[k] = falls < 4 ? 1'b0 : held[s * LINES + k][15 - falls];
         end
     end
 endmodule

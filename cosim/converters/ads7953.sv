@@ -22,26 +22,26 @@ module converter #(
     reg [3:0] multiplexer = 4'd0, wanted = 4'd0;
     reg manual = 1'b0;
     reg [15:0] out = 16'd0, in = 16'd0;
-    integer clocks = 0, woke = 0;
+    integer clocks = 0;
     reg down = 1'b0, goes = 1'b0;  // DI05 of the register, and as this frame began
-    integer fell = 0, rose = 0, clocked = 0;
+    time fell = 0, rose = 0, clocked = 0, woke = 0;
     initial begin
         violations = 0;
         asleep = 1'b0;
     end
 
-    function time ps(input integer since);  // picoseconds of the design's time since then
-        ps = ($time / 10 - since) * CYCLE_PS;
+    function time ps(input time since);  // picoseconds of the design's time since then
+        ps = ($time - since) * CYCLE_PS / 10;
     endfunction
 
     always @(negedge cs_n[0]) begin
         if (rose != 0 && ps(rose) < 40000) violations = violations + 1;      // CS high between frames
-        fell = $time / 10;
+        fell = $time;
         out = {multiplexer, analog[32*multiplexer +: 12]};                    // sampled when the frame begins
         if (!asleep && woke != 0 && ps(woke) < 1000000) violations = violations + 1;
         if (asleep) out = $random;
         if (asleep && !down) begin
-            woke = $time / 10;
+            woke = $time;
             asleep = 1'b0;
         end
         goes = down;
@@ -51,13 +51,13 @@ module converter #(
     always @(posedge sclk) if (!cs_n[0]) begin
         if (clocks == 0 && ps(fell) < 20000) violations = violations + 1;     // CS fall to first clock
         if (clocks != 0 && ps(clocked) < 50000) violations = violations + 1;  // 20 MHz at most
-        clocked = $time / 10;
+        clocked = $time;
         in = {in[14:0], mosi};
         clocks = clocks + 1;
     end
     always @(negedge sclk) if (!cs_n[0]) out = {out[14:0], 1'b0};
     always @(posedge cs_n[0]) begin
-        rose = $time / 10;
+        rose = $time;
         if (clocks == 16) begin
             if (goes) asleep = 1'b1;
             if (in[15:12] == 4'b0001) begin
@@ -68,5 +68,6 @@ module converter #(
             end else if (in[15:12] != 4'b0000) violations = violations + 1;   // a mode that this model does not know
         end
     end
-    assign miso[0] = fault == 1 ? 1'b0 : fault == 2 || cs_n[0] ? 1'b1 : out[15];
+    wire level = fault == 1 ? 1'b0 : fault == 2 || cs_n[0] ? 1'b1 : out[15];
+    assign #(380000.0 / CYCLE_PS) miso[0] = level;                            // 38 ns behind CS or a falling edge
 endmodule

@@ -7,7 +7,7 @@
 module converter #(
     parameter integer ROWS = 4, parameter integer COLUMNS = 4, parameter integer CYCLE_PS = 83333, parameter integer SETTLE_PS = 20000000
 ) (
-    input wire [31:0] row, input wire [31:0] column, input wire off, input wire cs_n, input wire sclk, output reg miso,
+    input wire [31:0] row, input wire [31:0] column, input wire off, input wire cs_n, input wire sclk, output wire miso,
     input wire [32*ROWS*COLUMNS-1:0] analog, input wire [2:0] fault, output integer violations, output wire asleep
 );
     wire [31:0] cell_now = (row & 15) * COLUMNS + (column & 15);
@@ -21,9 +21,11 @@ module converter #(
     assign asleep = down && off;
     reg [31:0] previous = 0, selected = 0;
     reg [11:0] level = 0, held = 0;
+    reg said;
+    assign #(400000.0 / CYCLE_PS) miso = said;  // 40 ns behind CS or a falling edge
     initial begin
         violations = 0;
-        miso = 1'b1;
+        said = 1'b1;
     end
     always @(cell_now) begin
         if (falls > 0 && falls < 16) violations = violations + 1;                    // the address moves during a conversion
@@ -52,9 +54,9 @@ module converter #(
             if (falls > 1 && ($time / 10 - clocked) * CYCLE_PS < 50000) violations = violations + 1;  // 20 MHz at most
             clocked = $time / 10;
         end
-        if (fault == 1) miso = 1'b0;
-        else if (fault == 2 || falls < 0 || falls > 15) miso = 1'b1;
-        else if (falls < 4) miso = fault == 3 && falls == 2;
-        else miso = held[15 - falls];
+        if (fault == 1) said = 1'b0;
+        else if (fault == 2 || falls < 0 || falls > 15) said = 1'b1;
+        else if (falls < 4) said = fault == 3 && falls == 2;
+        else said = held[15 - falls];
     end
 endmodule

@@ -228,11 +228,12 @@ class PlannedBudget(Result):
 
 class Asleep(Result):
     """A part whose fast oscillator runs for each scan: seconds of its start, share by which its rate is off, jitter of
-    scans."""
+    scans, and SCLK of its converter (None: it has none)."""
 
     start_s: float
     rate_error: float
     scan_jitter_s: float
+    sclk_hz: float | None = None
 
 
 class Build(OnBoard):
@@ -514,10 +515,12 @@ def build(
         result.stimulator, result.wiring = config.interface.stimulator != "none", wiring.table()
     if wiring.standby:
         p, _ = sample_clock(standby.SLOW_HZ, config.sensor.scan_rate_hz)
+        period = standby.standby_plan(config, request.wanted_hz).sclk_cycles
         result.standby = Asleep(
             start_s=standby.start_cycles() / standby.SLOW_HZ,
             rate_error=standby.TOLERANCE,
             scan_jitter_s=0.0 if p == 1 else 1 / standby.SLOW_HZ,
+            sclk_hz=request.wanted_hz / period if period else None,
         )
     return result, best.bitstream, netlist.verilog, config
 

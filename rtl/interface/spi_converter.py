@@ -76,7 +76,10 @@ class SpiConverter(wiring.Component):
         if chip.tag_bits:
             is_wrong = is_wrong | (word[chip.tag_bit : chip.tag_bit + chip.tag_bits] != channel)
         mine = Cat(line == k for k in range(judged)) if judged > 1 else Const(1, 1)
-        low_now, high_now = low & ~Mux(code.any(), mine, 0), high & ~Mux(code.all(), 0, mine)
+        some, full = code.any(), code.all()
+        if plan.short:  # the last word has no code
+            some, full = some & counted, full | ~counted
+        low_now, high_now = low & ~Mux(some, mine, 0), high & ~Mux(full, 0, mine)
         stuck_now = (low_now | high_now).any()
         with m.If(self.put.valid):
             m.d.sync += [wrong.eq(wrong | is_wrong), low.eq(low_now), high.eq(high_now)]

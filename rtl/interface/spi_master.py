@@ -26,14 +26,14 @@ class SpiMaster(Block):
     """One transfer of ``plan.chip.bits`` clocks, most significant bit first, mode 0: both sides change their
     data when the clock falls.
 
-    The input is sampled at the end of the clock's high half: a chip may take all but two cycles of a whole
-    period to answer.
+    The input is sampled at the end of the clock's high half, so that a chip may take all but two cycles of a whole
+    period to answer. Where half a period is one cycle, it is sampled a cycle later, and a chip may take one cycle.
 
     Parameters
     ----------
     plan:
-        Clocks of a transfer, data lines, selects, and the cycles of half a period (``half``, at least 2),
-        from select to the first clock (``lead``) and of select high (``high``).
+        Clocks of a transfer, data lines, selects, and the cycles of half a period (``half``), from select to the
+        first clock (``lead``) and of select high (``high``).
 
     Members
     -------
@@ -46,7 +46,7 @@ class SpiMaster(Block):
     idle : Out(1)
         No transfer, and select has been high long enough.
     done : Out(1)
-        One cycle, the last of a transfer: ``words`` holds what came in until the next transfer.
+        One cycle, the last of a transfer: from the next one on ``words`` holds what came in, until the next transfer.
     words : Out(array of lines words)
     pins : Out
         `spi_pins`; all from registers.
@@ -94,9 +94,10 @@ class SpiMaster(Block):
             ]
             with m.If(last):
                 m.d.sync += pins.cs_n.eq(~0)
+            read = [word.eq(Cat(line, word)) for word, line in zip(self.words, lines, strict=True)]
             with m.If(~place[0]):  # the clock falls
-                m.d.sync += [
-                    out.eq(out << 1),
-                    *(word.eq(Cat(line, word)) for word, line in zip(self.words, lines, strict=True)),
-                ]
+                m.d.sync += [out.eq(out << 1), *(read if plan.half > 1 else [])]
+            if plan.half == 1:
+                with m.Else():  # at the end of the lead, too, but that bit is shifted out again
+                    m.d.sync += read
         return m

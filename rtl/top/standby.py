@@ -10,7 +10,7 @@ from amaranth.lib.cdc import FFSynchronizer
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters.base import USUAL_HZ
-from eskin.golden.core.converters.spi import OnSpi
+from eskin.golden.core.converters.spi import Spi
 from eskin.rtl.common import inputs, outputs
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, mean_frame_cycles, step_cycles
 
@@ -35,11 +35,11 @@ def start_cycles() -> int:
 
 def standby_plan(config: AcceleratorConfig, clock_hz: float) -> Any:
     """The plan by which the converter is read: no limit of its data sheet is broken at the fastest clock that the
-    oscillator may have, and it sleeps between scans. Its wires are as much faster as the clock is."""
+    oscillator may have, and it sleeps between scans. With `hz`, and on an unknown chip, its wires are as much faster as the
+    clock is."""
     converter = config.interface.converter
-    if isinstance(converter, OnSpi):
-        converter = converter.replace(hz=(1 + TOLERANCE) * (converter.hz or USUAL_HZ))
-    return converter.plan(config, (1 + TOLERANCE) * clock_hz).sleeping
+    hertz = converter.hz or (USUAL_HZ if isinstance(converter, Spi) else 0.0)
+    return converter.replace(hz=(1 + TOLERANCE) * hertz).plan(config, (1 + TOLERANCE) * clock_hz).sleeping
 
 
 def turn(config: AcceleratorConfig, clock_hz: float) -> tuple[float, float, float, float]:

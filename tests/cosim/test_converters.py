@@ -14,6 +14,7 @@ from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
 from eskin.golden.core.converters.mpr121 import Mpr121
+from eskin.golden.core.converters.spi import SpiByName
 from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
@@ -159,6 +160,25 @@ def test_an_mpr121_sleeps_between_samples_and_has_new_data_for_each_frame(
     result = cosimulate(random_integer_model(config, 5), recordings.subset([0]), Simulation(), work=tmp_path)
     assert result.bit_exact and (result.conversion.violations > 0) == bool(limits)
     assert result.passed == (not limits)
+
+
+@pytest.mark.parametrize(
+    ("clock_hz", "fewest", "exact"),
+    [(14e6, {}, True), (28e6, {}, True), (28e6, {"fewest_cycles": lambda *which: 1}, False)],
+)
+def test_an_ads7953_that_sleeps_is_read_as_fast_as_its_answer_comes(
+    clock_hz, fewest, exact, tmp_path, monkeypatch
+):
+    """38 ns: a cycle at 14 MHz and two at 28 wait for it, one at 28 does not."""
+    awake = SpiByName.plan
+    monkeypatch.setattr(SpiByName, "plan", lambda *which: awake(*which).sleeping)
+    for name, value in fewest.items():
+        monkeypatch.setattr(f"eskin.golden.core.converters.spi.{name}", value)
+    config = CONFIG.replace(converter="ads7953", sample_rate_hz=5000.0, clock_hz=clock_hz)
+    assert config.interface.converter.plan(config).half == (1 if clock_hz < 20e6 or fewest else 2)
+    made = random_recordings(config, (120,), seed=4)
+    result = cosimulate(random_integer_model(config, 5), made, Simulation(), work=tmp_path)
+    assert result.passed == exact and result.conversion.violations == 0
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))

@@ -52,6 +52,8 @@ class Plan:
     chips: int = 1
     zero: int | None = None
     """The code of sample 0, if the data sheet has one."""
+    sclk_cycles: int = 0
+    """Cycles of a period of SCLK; 0: the port is no SPI."""
 
     @property
     def sleeping(self) -> Plan:
@@ -79,7 +81,8 @@ class Plan:
 class Converter(Group):
     """A converter between sensor and chain; each kind adds the fields that its chip has.
 
-    hz: highest frequency of its serial clock (0: 2 MHz, or the limit of its data sheet if that is lower).
+    hz: highest frequency of its serial clock (0: 2 MHz, or the limit of its data sheet if that is lower; the limit of its
+    data sheet where it sleeps between scans).
     code_offset (default: half the range where samples are signed, else 0), code_shift (default: full scale on
     full scale): sample = (code - code_offset) >> code_shift, rounded and saturated; a shift below 0 appends
     zeros.

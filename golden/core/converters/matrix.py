@@ -54,6 +54,11 @@ class MatrixPlan(Plan):
         return dataclasses.replace(self, port=self.port.sleeping)
 
     @property
+    def sclk_cycles(self) -> int:  # type: ignore[override]
+        """Cycles of a period of SCLK."""
+        return self.port.sclk_cycles
+
+    @property
     def code_bits(self) -> int:
         """Bits of a code."""
         return self.port.code_bits

@@ -7,12 +7,20 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge, Interval
 from pydantic import StrictInt, StrictStr
 
-from eskin.golden.core.converters.base import USUAL_HZ, Converter, Plan, half_period, slow_clock, too_slow
+from eskin.golden.core.converters.base import (
+    HALF_MIN,
+    USUAL_HZ,
+    Converter,
+    Plan,
+    half_period,
+    slow_clock,
+    too_slow,
+)
 from eskin.golden.core.group import Refusal
 
 if TYPE_CHECKING:
@@ -31,10 +39,11 @@ class SpiChip:
     a command to its data. code_bit, code_bits: place of the code in the answer; tag_bit, tag_bits: place of
     the channel's number in it (0 bits: none); zeros: bits of it that are 0 by the data sheet. sclk_hz,
     conversions_hz: highest rates. high_s, lead_s: shortest time with select high between transfers, and from
-    its fall to the first clock. most: largest number of chips (0: any number); instead: advice for more
-    taxels. watt, stated, asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word but
-    one of a scan, so that it sleeps from the scan's end until the second transfer of the next begins; sleep_bits: a last
-    transfer of so few clocks puts it to sleep. waking: transfers of a scan that only wake it.
+    its fall to the first clock. answer_s: longest time until a line has the next bit, behind a falling clock or select
+    (None: not known). most: largest number of chips (0: any number); instead: advice for more taxels. watt, stated,
+    asleep_watt, sleeps_unselected: as in `Converter`. sleep_command: the last word but one of a scan, so that it sleeps from
+    the scan's end until the second transfer of the next begins; sleep_bits: a last transfer of so few clocks puts it to
+    sleep. waking: transfers of a scan that only wake it.
     """
 
     bits: int
@@ -51,6 +60,7 @@ class SpiChip:
     conversions_hz: float
     high_s: float
     lead_s: float
+    answer_s: float | None = None
     most: int = 0
     instead: str = ""
     watt: float | None = None
@@ -77,6 +87,7 @@ SPI_CHIPS: dict[str, SpiChip] = {
         conversions_hz=1e6,
         high_s=100e-9,
         lead_s=40e-9,
+        answer_s=38e-9,
         most=1,
         instead="it has 16 channels: use mcp3208x2 or spi with more lines, or fewer taxels",
         watt=14.5e-3,
@@ -113,6 +124,7 @@ SPI_CHIPS: dict[str, SpiChip] = {
         conversions_hz=1e6,
         high_s=100e-9,
         lead_s=40e-9,
+        answer_s=40e-9,
         watt=5.1e-3,
         stated="AD7476A, rev. F: 5.1 mW in normal operation at 1 MS/s, 3 V",
         # select rises between the second and the tenth falling clock edge: power-down, 1 uA; a whole transfer wakes it,
@@ -123,7 +135,9 @@ SPI_CHIPS: dict[str, SpiChip] = {
     ),
 }
 """``mcp3208x2`` runs at 3.3 V with its limits for 2.7 V. ``high_s`` of the ads7953 and of the ad7476 is
-longer than their data sheets require."""
+longer than their data sheets require; ``answer_s`` holds down to pins at 1.8 V."""
+PADS_S = 30e-9
+"""From a register through the part's pad and the wire to a chip, and back from its line to the next register."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +148,7 @@ class SpiPlan(Plan):
     after the other, each with a separate select line. transfers: (group, command) of each transfer of a
     scan. half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of
     select high. waking: transfers of a select before its others, whose answers count for nothing; short: clocks of its
-    last transfer, which puts its chips to sleep (0: there is none).
+    last transfer, which puts its chips to sleep (0: there is none). clock_hz: of these cycles; hz: as in `Converter`.
     """
 
     chip: SpiChip
@@ -146,16 +160,22 @@ class SpiPlan(Plan):
     high: int
     waking: int = 0
     short: int = 0
+    clock_hz: float
+    hz: float = 0.0
 
     @property
     def sleeping(self) -> SpiPlan:
-        """The plan by which the chips sleep between scans: they are woken and put to sleep by transfers of a scan."""
+        """The plan by which the chips sleep between scans: they are woken and put to sleep by transfers of a scan, whose
+        clock is as fast as data sheet and `hz` let it be."""
         chip, words = self.chip, [word for group, word in self.transfers if group == 0]
         if chip.sleep_command is not None:
             words[-2] = chip.sleep_command
         words = [0] * chip.waking + words + [0] * (chip.sleep_bits > 0)
         transfers = tuple((group, word) for group in range(self.selects) for word in words)
-        return dataclasses.replace(self, transfers=transfers, waking=chip.waking, short=chip.sleep_bits)
+        fast = times(chip, self.clock_hz, self.hz or chip.sclk_hz, fewest_cycles(chip, self.clock_hz))
+        return dataclasses.replace(
+            self, transfers=transfers, waking=chip.waking, short=chip.sleep_bits, **fast
+        )
 
     def awake(self, scans: float) -> float:
         """A chip is awake in the transfers of its select, less the first where a command has put it to sleep."""
@@ -187,6 +207,11 @@ class SpiPlan(Plan):
         }
 
     @property
+    def sclk_cycles(self) -> int:  # type: ignore[override]
+        """Cycles of a period of SCLK."""
+        return 2 * self.half
+
+    @property
     def transfer_cycles(self) -> int:
         """Cycles from a transfer's start to the next one's, without the gap."""
         return self.lead + 2 * self.half * self.chip.bits + self.high
@@ -203,8 +228,11 @@ class SpiPlan(Plan):
 
     @property
     def scan_cycles(self) -> int:
-        """Most cycles from the sample clock to the last code of a frame."""
-        return len(self.transfers) * (self.transfer_cycles + self.lines + 2)
+        """Cycles from the sample clock to the last code of a frame, at most. A transfer waits until all lines of its
+        predecessor are handed on."""
+        each = self.transfer_cycles + max(0, self.lines + 1 - self.high)
+        saved = 2 * self.half * (self.chip.bits - self.short) if self.short else 0
+        return len(self.transfers) * each - self.selects * saved + 1
 
     @property
     def code_bits(self) -> int:
@@ -215,6 +243,25 @@ class SpiPlan(Plan):
     def chips(self) -> int:  # type: ignore[override]
         """Number of chips on all data lines and selects."""
         return self.lines * self.selects
+
+
+def fewest_cycles(chip: SpiChip, clock_hz: float) -> int:
+    """Fewest cycles of half a period in which the chip's answer reaches the port: it has one where they are one, and all
+    but two of a whole period otherwise."""
+    if chip.answer_s is None:
+        return HALF_MIN
+    cycles = clock_hz * (chip.answer_s + PADS_S)
+    return 1 if cycles <= 1 else max(HALF_MIN, math.ceil(1 + cycles / 2))
+
+
+def times(chip: SpiChip, clock_hz: float, sclk_hz: float, fewest: int = HALF_MIN) -> dict[str, Any]:
+    """half, lead and high of a plan, by the chip's data sheet."""
+    half = half_period(clock_hz, min(chip.sclk_hz, sclk_hz), fewest)
+    period = clock_hz / chip.conversions_hz  # 0 where the chip's rate has no limit (infinity)
+    lead = max(half, math.ceil(chip.lead_s * clock_hz))
+    # 1e-9: a quotient that should be whole may come out slightly above, and ceil would add a cycle
+    rest = math.ceil(period - 1e-9) - lead - 2 * half * chip.bits
+    return dict(half=half, lead=lead, high=max(math.ceil(chip.high_s * clock_hz), rest, 1))
 
 
 def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
@@ -249,19 +296,14 @@ class OnSpi(Converter):
         selects = -(-count // lines)
         channels = min(chip.channels, config.sensor.taxels)
         words = [chip.command | channel << chip.channel_bit for channel in range(channels)] + [0] * chip.delay
-        half = half_period(clock, min(chip.sclk_hz, self.hz or USUAL_HZ))
-        period = clock / chip.conversions_hz  # 0 where the chip's rate has no limit (infinity)
-        lead = max(half, math.ceil(chip.lead_s * clock))
-        # 1e-9: a quotient that should be whole may come out slightly above, and ceil would add a cycle
-        high = max(math.ceil(chip.high_s * clock), math.ceil(period - 1e-9) - lead - 2 * half * chip.bits, 1)
         return SpiPlan(
             chip=dataclasses.replace(chip, channels=channels),
             lines=lines,
             selects=selects,
             transfers=tuple((group, word) for group in range(selects) for word in words),
-            half=half,
-            lead=lead,
-            high=high,
+            clock_hz=clock,
+            hz=self.hz,
+            **times(chip, clock, self.hz or USUAL_HZ),
         )
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:

@@ -73,8 +73,8 @@ def test_a_bitstream_at_the_boards_clock_is_the_sum_by_hand(name, awake):
     part = 100e-6 + 12e6 * (50e-12 + 3 * 0.2e-12) + 3000 * 900 * 0.2e-12
     assert power.part_w == pytest.approx(part)
     if awake is None:  # two chips that sleep unselected: 8 transfers in series of 19 clocks at 1 MHz
-        scan_s = 8 * (19 * 12 + 6 + 6 + 4) / 12e6
-        assert power.converter_w == pytest.approx(2 * 1.6e-3 * 3000 * scan_s, rel=0.05)
+        scan_s = 8 * (19 * 12 + 6 + 6) / 12e6
+        assert power.converter_w == pytest.approx(2 * 1.6e-3 * 3000 * scan_s, rel=0.005)  # and asleep
     else:
         assert power.converter_w == pytest.approx(awake and CONVERTERS[name].watt)
     assert power.deciding_w == pytest.approx(0.5 * 20 * (30_000 * 0.2e-12 + 1_200 * 20e-12))

@@ -43,9 +43,11 @@ class Cells:
     async def play(self, ctx) -> None:
         pins, word, bits, select, clock, since, at = self.pins, 0, 0, 1, 0, 0, (0, 0)
         off = getattr(pins, "off", Const(0))
-        async for *_, now, level, row, column, is_off in ctx.tick().sample(
-            pins.cs_n, pins.sclk, pins.row, pins.column, off
-        ):
+        while True:
+            await ctx.tick()
+            now, level, row, column, is_off = (
+                ctx.get(each) for each in (pins.cs_n, pins.sclk, pins.row, pins.column, off)
+            )
             since = 0 if (row, column) != at or is_off else since + 1
             self.off += is_off and self.samples != []
             if now and not select:

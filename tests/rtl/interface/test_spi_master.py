@@ -14,10 +14,17 @@ from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, put
 
 
-def plan_of(bits: int, lines: int, selects: int, half: int, lead: int, high: int) -> SpiPlan:
+def plan_of(bits: int, lines: int, selects: int, half: int, longer: int, high: int) -> SpiPlan:
     chip = SpiChip(bits=bits, channels=1, sclk_hz=1e6, conversions_hz=1e6, high_s=0, lead_s=0)
     return SpiPlan(
-        chip=chip, lines=lines, selects=selects, transfers=((0, 0),), half=half, lead=lead, high=high
+        chip=chip,
+        lines=lines,
+        selects=selects,
+        transfers=((0, 0),),
+        half=half,
+        lead=half + longer,
+        high=high,
+        clock_hz=1e6,
     )
 
 
@@ -28,8 +35,8 @@ def plan_of(bits: int, lines: int, selects: int, half: int, lead: int, high: int
             "bits": st.integers(1, 24),
             "lines": st.integers(1, 3),
             "selects": st.integers(1, 3),
-            "half": st.integers(2, 6),
-            "lead": st.integers(2, 9),
+            "half": st.integers(1, 6),
+            "longer": st.integers(0, 5),
             "high": st.integers(1, 9),
         }
     )
@@ -41,7 +48,8 @@ def test_words_cross_and_every_time_is_kept(shape):
     answers = [[rng.getrandbits(bits) for _ in range(plan.lines)] for _ in range(12)]
     requests = [(rng.randrange(plan.selects), rng.getrandbits(bits)) for _ in answers]
     got, starts = [], []
-    slave = SpiSlave(dut.pins, bits, lambda line, fell: answers[len(got)][line])
+    latest = max(0, 2 * plan.half - 3)  # at which it is there a whole cycle before the port reads it
+    slave = SpiSlave(dut.pins, bits, lambda line, fell: answers[len(got)][line], latest)
     bench._sim.add_testbench(slave.play, background=True)
 
     async def play(ctx):
@@ -56,6 +64,7 @@ def test_words_cross_and_every_time_is_kept(shape):
             ctx.set(dut.command, rng.getrandbits(bits))  # taken with start alone
             while not ctx.get(dut.done):
                 await ctx.tick()
+            await ctx.tick()
             got.append([ctx.get(word) for word in dut.words])
 
     bench.process(play)

@@ -56,10 +56,22 @@ def test_designs_whose_clock_may_stop(changes, clock_hz, why):
 
 
 def test_no_limit_is_broken_at_the_fastest_clock():
-    """At 13.2 MHz for 12: an MCP3208 keeps its 1 MHz, an ADS7953 its wires' pace; a start lasts 100 us at 11 kHz."""
+    """At 13.2 MHz for 12: an MCP3208 keeps its 1 MHz, an ADS7953 has 38 ns to answer and its wires 30, or `hz` sets their
+    pace; a start lasts 100 us at 11 kHz."""
     fastest, slow = 1.1 * 12e6, 10e3
     mcp = standby_plan(PVDF.replace(converter="mcp3208x2"), 12e6)
     assert fastest / 2 / mcp.half <= 1e6 < fastest / 2 / (mcp.half - 1)
-    ads, plain = standby_plan(PVDF, 12e6), converter_plan(PVDF, 12e6)
-    assert ads.half == plain.half and ads.transfers[-2:] == ((0, 0x1820), (0, 0))
+    ads, slower = standby_plan(PVDF, 12e6), PVDF.replace(converter=dict(name="ads7953", hz=2e6))
+    assert 12e6 / ads.sclk_cycles == 6e6 and ads.transfers[-2:] == ((0, 0x1820), (0, 0))
+    assert standby_plan(slower, 12e6).half == converter_plan(slower, 12e6).half == 3
+    for clock_hz, half, cycles in (
+        (6e6, 1, 1),
+        (24e6, 2, 2),
+        (48e6, 3, 4),
+    ):  # from a falling clock to its line's register
+        assert standby_plan(PVDF, clock_hz).half == half and cycles / (1.1 * clock_hz) >= 68e-9
+    matrix = PVDF.replace(converter="matrix", rows=2, columns=4)
+    assert standby_plan(matrix, 12e6).sclk_cycles == 2 and converter_plan(matrix, 12e6).sclk_cycles == 6
+    unknown = PVDF.replace(converter=dict(name="spi", channel_bit=13))
+    assert standby_plan(unknown, 12e6).half == converter_plan(unknown, 12e6).half == 3
     assert (start_cycles() - 1) / (1.1 * slow) < 100e-6 <= start_cycles() / (1.1 * slow)
