@@ -170,7 +170,7 @@ class Device:
 
 
 class SensorDevice(Device):
-    """A device with a sensor of its own, which sends its frames at the scans' rate while it is asked to.
+    """A device with a sensor, which sends the sensor's frames at the scans' rate while it is asked to.
 
     rest: (frames, taxels) codes of the sensor untouched, again and again. touch: frames that come next. lost: as many
     of the next frames are left out. sent: every frame that was sent.

@@ -68,25 +68,25 @@ def recorded(path, samples, name="wool", model=MODEL, **options):
 
 
 def test_each_touch_is_a_recording_from_its_rest_to_its_pause(tmp_path):
-    """The frames are those of the sensor, decided as in the live view; a second session adds to the file."""
+    """Each holds frames of the sensor, decided as in the live view; a second session adds to the file."""
     path, parts = tmp_path / "touches.npz", []
     for seed in range(3):
         parts += [rest(LEAD + 40 * seed + 20, seed), touch(seed), rest(LEAD, seed + 9)]
     samples = np.concatenate(parts)
     source, events = recorded(path, samples)
     source.close()
-    kept = load_recordings(path)
-    assert kept.class_names == ("wool",) and len(kept) == 3 and kept.sample_rate_hz == RATE
+    saved = load_recordings(path)
+    assert saved.class_names == ("wool",) and len(saved) == 3 and saved.sample_rate_hz == RATE
     whole, begin = samples.tobytes(), 0
     for number in range(3):
-        frames = kept.recording(number)
+        frames = saved.recording(number)
         onset = LEAD + 1
         begin = whole.index(frames.astype(samples.dtype).tobytes(), begin) + 1  # in order, frame by frame
         assert (
             Stream(MODEL).push(frames[: onset - 1]) == []
             and frames[onset - 1].max() > CONFIG.onset_rule.band_high
         )
-    found = run(MODEL, dataclasses.replace(kept, class_names=CONFIG.network.class_names))
+    found = run(MODEL, dataclasses.replace(saved, class_names=CONFIG.network.class_names))
     results = [event for event in events if isinstance(event, Result)]
     assert [event.number for event in results] == [0, 1, 2]
     assert [event.since for event in results] == decision_times(found).round(6).tolist()
@@ -95,7 +95,7 @@ def test_each_touch_is_a_recording_from_its_rest_to_its_pause(tmp_path):
     source.close()
     grown = load_recordings(path)
     assert grown.class_names == ("wool", "silk") and grown.labels.tolist() == [0, 0, 0, 1]
-    assert (grown.samples[: kept.frames] == kept.samples).all()
+    assert (grown.samples[: saved.frames] == saved.samples).all()
 
 
 def test_what_is_no_whole_touch_is_not_added(tmp_path):
@@ -154,10 +154,10 @@ def test_a_model_that_scans_some_frames_takes_what_its_board_sends(tmp_path):
         tmp_path / "touches.npz", samples, CONFIG.network.class_names[0], at_scan_rate(model)
     )
     source.close()
-    kept = load_recordings(tmp_path / "touches.npz")
-    fitting = for_model(kept, model.config)
-    assert kept.sample_rate_hz == RATE and fitting.sample_rate_hz == 4 * RATE
-    assert (fitting.scanned(4).samples == kept.samples).all() and run(model, fitting).decision[0] >= 0
+    saved = load_recordings(tmp_path / "touches.npz")
+    fitting = for_model(saved, model.config)
+    assert saved.sample_rate_hz == RATE and fitting.sample_rate_hz == 4 * RATE
+    assert (fitting.scanned(4).samples == saved.samples).all() and run(model, fitting).decision[0] >= 0
 
 
 @pytest.mark.parametrize("sends", [False, True])

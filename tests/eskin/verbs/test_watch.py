@@ -158,5 +158,5 @@ def test_touches_of_a_board_are_recorded_in_a_browser(tmp_path):
         page.execute_script(press, "undo")
         wait(lambda: json.loads(body(page, "counts")) == {known: 2})
         assert browser.console_errors(page) == []
-    kept = for_model(load_recordings(path), model.config)
-    assert len(kept) == 2 and (run(model, kept).decision >= 0).all() and watched.result["recordings"] == 3
+    saved = for_model(load_recordings(path), model.config)
+    assert len(saved) == 2 and (run(model, saved).decision >= 0).all() and watched.result["recordings"] == 3
