@@ -41,11 +41,31 @@ def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
     )
 
 
+def at_source_rate(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
+    """Recordings of the frames that a model scans, as its board sends them, at the rate of its sensor: each frame is held
+    until the next, and the chain takes the first. Others are returned as they are."""
+    sensor, rate = config.sensor, recordings.sample_rate_hz
+    every = sensor.scan_every
+    scans = recordings.scan_every == 1 and abs(rate / sensor.scan_rate_hz - 1.0) <= 0.02
+    if every == 1 or not scans:
+        return recordings
+    return dataclasses.replace(
+        recordings,
+        samples=np.repeat(recordings.samples, every, axis=0),
+        offsets=every * recordings.offsets,
+        sample_rate_hz=every * rate,
+        notes=(
+            *recordings.notes,
+            f"{rate:g} Hz is the rate of the model's scans: each frame is held {every} times",
+        ),
+    )
+
+
 def for_model(
     recordings: Recordings, config: AcceleratorConfig, say: Callable[[str], None] = lambda note: None
 ) -> Recordings:
-    """``recordings`` as a model takes them: in its codes (``rescaled``) and with its classes. ``say`` is called with
-    each sentence about a change.
+    """``recordings`` as a model takes them: in its codes (``rescaled``), at its rate (``at_source_rate``) and with its
+    classes. ``say`` is called with each sentence about a change.
 
     Raises
     ------
@@ -53,7 +73,7 @@ def for_model(
         As ``check_fit``; a recording is of no class of the model.
     """
     known = len(recordings.notes)
-    recordings = rescaled(recordings, config)
+    recordings = at_source_rate(rescaled(recordings, config), config)
     for note in recordings.notes[known:]:
         say(f"recordings '{recordings.source}': {note}")
     if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are

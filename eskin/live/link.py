@@ -23,12 +23,16 @@ NO_WORD, NUMBER_AT = 0xFFFF, 9
 """The value of register PLACES for no word, and the first bit of the word's number."""
 NUMBERS = 128
 """Decisions are numbered modulo this; the bit above tells an unsure one."""
+FRAME_NUMBERS = 1 << 16
+"""Frames of a sensor are numbered modulo this."""
 ANSWER_BYTES = 7
 """Bytes of a packet from the device, check sequence included."""
 DECISION = 1 << 31
 """Bit of a device packet's payload; the others belong to the decision, or to an answer."""
 CYCLES_A_BYTE_MIN = 40
 """Clocks of a byte at the fastest rate a device is built for."""
+FRAMES = 4096
+"""Frames of a board's sensor that wait for their reader."""
 CHATTER = 4096
 """Bytes without the answer in them, after which it is asked for again."""
 TRIES = 10
@@ -131,8 +135,18 @@ class Decision(NamedTuple):
     payload: int
 
 
-def parse(body: bytes) -> Answer | Decision | None:
+class SensorFrame(NamedTuple):
+    """A frame of a board's own sensor. number: of those that were due, mod 65536. words: of its samples."""
+
+    number: int
+    words: np.ndarray
+
+
+def parse(body: bytes) -> Answer | Decision | SensorFrame | None:
     """A packet from the device; None: not one of its lengths."""
+    if len(body) % 2 == 0:
+        number, *_ = words = np.frombuffer(body, dtype="<u2")
+        return SensorFrame(int(number), words[1:])
     if len(body) != ANSWER_BYTES - 2:
         return None
     payload = int.from_bytes(body[1:], "little")
@@ -167,7 +181,8 @@ class Link:
 
     Attributes
     ----------
-    decisions: payloads of the present recording's that have come so far. lost: one of them got lost on the way. repeated:
+    decisions: payloads of the present recording's that have come so far. frames: the
+    sensor's, the latest `FRAMES`. lost: one of them got lost on the way. repeated:
     packets sent again. replayed: recordings played again. unanswered: questions asked again. map: ``register_map``, of the
     device's version.
     """
@@ -178,6 +193,7 @@ class Link:
         self._unpacker, self._burst = Unpacker(), BURST
         # number of the next write or frame; decisions received, as the device numbers them
         self._next = self._seen = 0
+        self.frames = deque[SensorFrame](maxlen=FRAMES)
         self.lost, self.decisions, self.looks = False, list[int](), dict[str, int]()
         self.repeated = self.replayed = self.unanswered = 0
 
@@ -385,7 +401,9 @@ class Link:
         """Answers in what has come; decisions are noted on the way."""
         answers = []
         for message in map(parse, self._unpacker.feed(data)):
-            if message is None:
+            if isinstance(message, SensorFrame):
+                self.frames.append(message)
+            if message is None or isinstance(message, SensorFrame):
                 continue
             self.lost |= message.decisions != self._seen % NUMBERS
             self._seen = message.decisions

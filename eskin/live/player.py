@@ -4,6 +4,7 @@ keeps time and counts.
 The player's thread goes: frames to the source, events to the hub. Neither waits for a viewer.
 """
 
+import contextlib
 import math
 import threading
 import time
@@ -17,7 +18,7 @@ from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
 from eskin.live.hub import Hub
-from eskin.live.sources import NO_SINCE, Listener, ModelSource
+from eskin.live.sources import NO_SINCE, Listener, ModelSource, SensorSource
 
 TICK_S = 1 / 30
 """Seconds of frames that are taken at a time."""
@@ -35,13 +36,14 @@ class Controls:
     """Requests of viewers; methods may be called from any thread.
 
     speed: of the sensor's pace, infinite as fast as possible. label: only recordings of this class, -1 all.
-    skip: leave this recording. stopped: come to an end.
+    skip: leave this recording. name: of the class whose touches are recorded, empty: none. undo: take back the last
+    touch. stopped: come to an end.
     """
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
-        self.paused, self.speed, self.label = False, 1.0, -1
-        self.skip = self.stopped = False
+        self.paused, self.speed, self.label, self.name = False, 1.0, -1, ""
+        self.skip = self.undo = self.stopped = False
 
     def change(self, **changes: Any) -> None:
         """Set some of the attributes."""
@@ -70,7 +72,7 @@ class Player:
     Parameters
     ----------
     recordings:
-        None with a Listener.
+        None with a SensorSource or Listener.
     numbers:
         Indices of those to play, in this order.
 
@@ -95,16 +97,16 @@ class Player:
     def run(self) -> None:
         """Play until somebody stops it; after the last one wait to be asked for more. An exception is stored in ``error``."""
         try:
-            self._state()
-            if isinstance(self.source, Listener):
-                self._listen(self.source)
-            else:
-                self._play(self.source)
+            with contextlib.closing(self.source):
+                self._state()
+                if isinstance(self.source, SensorSource | Listener):
+                    self._listen(self.source)
+                else:
+                    self._play(self.source)
         except BaseException as error:
             self.error = error
         finally:
             try:
-                self.source.close()
                 self._tell(now=True)
                 self._ended = True
                 self._state()
@@ -180,10 +182,14 @@ class Player:
         self._tell()
 
     # ------------------------------------------------------------ a board by itself
-    def _listen(self, source: Listener) -> None:
+    def _listen(self, source: SensorSource | Listener) -> None:
         self.hub.publish(Begin(-1, -1, 0, np.zeros(0)))
         while not self.controls.stopped:
+            if isinstance(source, SensorSource):
+                undo, self.controls.undo = self.controls.undo, False
+                self._events(source.change(self.controls.name, undo))
             self._events(source.listen(TALLY_S))
+            self._state()
             self._tell()
 
     # ------------------------------------------------------------ telling
@@ -207,6 +213,10 @@ class Player:
                 case Differs():
                     self.tally.mismatches += event.mismatch
                     self._say(event.sentence)
+                case Frames():
+                    self.tally.frames += len(event.samples)
+                case Result():
+                    self.tally.recordings += 1
                 case Decided() if event.touch == 0:
                     self._first_s = event.since
             self.hub.publish(event)
@@ -220,7 +230,8 @@ class Player:
     def _state(self) -> None:
         controls = self.controls
         speed = controls.speed if math.isfinite(controls.speed) else 0
-        self.hub.state(paused=controls.paused, speed=speed, label=controls.label, ended=self._ended)
+        shown = {"paused": controls.paused, "speed": speed, "label": controls.label, "ended": self._ended}
+        self.hub.state(**shown, record=self.source.record)
 
     def _tell(self, *, now: bool = False) -> None:
         """Send the tally to the viewers, every TALLY_S at most, and set how much is thinned out."""

@@ -22,6 +22,7 @@ from websockets.http11 import Request, Response
 from eskin.golden.core import InputError
 from eskin.live.hub import Hub, Viewer
 from eskin.live.player import Controls
+from eskin.live.recorder import MOST_LETTERS
 
 SOCKET = "/events"
 HOST, LOCAL = "127.0.0.1", ("127.0.0.1", "localhost", "::1")
@@ -164,7 +165,8 @@ class PageServer:
 
 def obey(controls: Controls, command: dict) -> None:
     """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as
-    possible), ``next``, ``class`` with ``index`` (-1: all). Other messages are ignored."""
+    possible), ``next``, ``class`` with ``index`` (-1: all), ``record`` with the ``name`` of a class (empty: stop), ``undo``. Other
+    messages are ignored."""
     match command["do"]:
         case "pause":
             controls.change(paused=bool(command["on"]))
@@ -175,3 +177,9 @@ def obey(controls: Controls, command: dict) -> None:
             controls.change(skip=True)
         case "class":
             controls.change(label=int(command["index"]))
+        case "record":
+            name = str(command["name"]).strip()
+            if name.isprintable():
+                controls.change(name=name[:MOST_LETTERS].strip())
+        case "undo":
+            controls.change(undo=True)

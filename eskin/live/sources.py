@@ -1,5 +1,5 @@
-"""Sources of stages: the integer model alone, with the simulated hardware, with a board, or a stand-alone
-board.
+"""Sources of stages: the integer model alone, with the simulated hardware, with a board, with a board's sensor, or a
+stand-alone board.
 
 Each takes frames as fast as they are given and returns the events that they cause (``eskin.live.feed``). The
 model always runs, frame by frame and unthinned; what hardware says is held against it value by value.
@@ -25,12 +25,26 @@ from eskin.cosim.scoreboard import (
     registers_behind,
     unpack_decision,
 )
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.position import PositionStream
 from eskin.golden.model.stream import Decision
-from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
-from eskin.live.link import Link, LinkError
+from eskin.live.feed import (
+    Begin,
+    Decided,
+    Differs,
+    Event,
+    Frames,
+    Hardware,
+    Onset,
+    Result,
+    Stage,
+    Step,
+    Where,
+)
+from eskin.live.link import FRAME_NUMBERS, Link, LinkError
+from eskin.live.recorder import Recorder
+from eskin.rtl.program.memory_map import InterfaceRegister
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
     from eskin.cosim.device import Accelerator
@@ -103,6 +117,11 @@ class ModelSource:
     def decision(self) -> int:
         """Decision of the recording: the global one of its first touch, -1 if none yet."""
         return self.stream.decision
+
+    @property
+    def record(self) -> Record | None:
+        """What a recorder waits for and has."""
+        return None
 
     def close(self) -> None:
         """Release its resources."""
@@ -304,12 +323,97 @@ def on_port(port: str) -> Iterator[None]:
         raise InputError(f"--port {port}: {error}") from None
 
 
+class SensorSource(ModelSource):
+    """A board that sends its frames: the model takes them on this side, and a recorder keeps touches."""
+
+    kind = "sensor"
+
+    def __init__(self, model: IntegerModel, link: Link, port: str, recorder: Recorder) -> None:
+        super().__init__(model)
+        self._link, self._port, self.recorder = link, port, recorder
+        self._number: int | None = None  # of the last frame
+        self._since = NO_SINCE  # of the last decision
+
+    def listen(self, timeout_s: float) -> list[Event]:
+        """What the frames bring that come within ``timeout_s``."""
+        with on_port(self._port):
+            self._link.listen(timeout_s)
+        sensor, heard = self.config.sensor, [*self._link.frames]
+        self._link.frames.clear()
+        if not heard:
+            return []
+        if {len(frame.words) for frame in heard} != {sensor.taxels}:
+            raise InputError(
+                f"--port {self._port}: the board's frames have {len(heard[0].words)} taxels and the model "
+                f"{sensor.taxels}; use the model that its bitstream was built from"
+            )
+        samples = np.stack([frame.words for frame in heard])
+        samples = samples.astype(np.int16 if sensor.sample_signed else np.uint16).astype(np.int32)
+        numbers = np.array([frame.number for frame in heard])
+        before = numbers[0] - 1 if self._number is None else self._number
+        steps, self._number = np.diff(numbers, prepend=before) % FRAME_NUMBERS, int(numbers[-1])
+        cuts = np.flatnonzero(steps != 1)
+        events: list[Event] = []
+        for gap, piece in zip([0, *(steps[cuts] - 1)], np.split(samples, cuts), strict=True):
+            if gap:
+                sentence = f"frames that are missing, so a new recording begins: {gap}"
+                self.recorder.interrupt(sentence)
+                events += [*self.arm(), Differs(sentence, mismatch=False)]
+            if len(piece):
+                events += self._heard(piece)
+        return events
+
+    def _heard(self, samples: np.ndarray) -> list[Event]:
+        """What frames without a gap bring; behind a touch that was recorded the next recording begins."""
+        first, made = self.stream.frame + 1, self.take(samples)
+        events: list[Event] = [Frames(first, samples), *made]
+        recorder = self.recorder
+        self._since = next((event.since for event in made if isinstance(event, Decided)), self._since)
+        if recorder.name and recorder.take(samples, made, self.stream):
+            if not recorder.trouble:
+                number = sum(recorder.archive.counts.values()) - 1
+                events.append(Result(number, self._label, self.decision, self._since, 0))
+            events += self.arm()
+        return events
+
+    def arm(self) -> list[Event]:
+        self.recorder.begin()
+        return [Begin(-1, self._label, 0, NOTHING), *super().arm()]
+
+    @property
+    def _label(self) -> int:
+        """Class that is recorded, -1 if it is none of the model's."""
+        names = self.config.network.class_names
+        return names.index(self.recorder.name) if self.recorder.name in names else -1
+
+    def change(self, name: str, undo: bool) -> list[Event]:
+        """Record touches of this class from now on (empty: none); ``undo``: first take back the last one."""
+        recorder = self.recorder
+        if undo:
+            recorder.archive.undo()
+        if name == recorder.name:
+            return []
+        recorder.name, recorder.trouble = name, ""
+        return self.arm()
+
+    @property
+    def record(self) -> Record:
+        return self.recorder.progress(self.stream)
+
+    def close(self) -> None:
+        """The board sends no more frames; the archive is written."""
+        with contextlib.suppress(LinkError):  # the board may be gone
+            self._link.write([(InterfaceRegister.FRAMES, 0)])
+        self.recorder.archive.close()
+
+
 @dataclasses.dataclass
 class Listener:
     """A board that takes its frames from its converter: its decisions as they come. No frames are on the
     link, and no model runs."""
 
     kind = "listening"
+    record = None
 
     config: AcceleratorConfig
     link: Link

@@ -89,6 +89,7 @@ class BoardRequest(ModelOptions):
     converter: str | None = option(
         "Read frames from this converter. Default with --standalone: the model's.", metavar="NAME"
     )
+    frames: bool = option("With a converter: a host can ask for its frames.", False, "--frames")
     stimulator: bool = option("With a converter: decisions drive the stimulator.", False, "--stimulator")
     standalone: bool = option(
         "Build without a host: model in the bitstream, frames from a converter.", False, "--standalone"
@@ -103,6 +104,8 @@ def command(request: BoardRequest) -> None:
         raise InputError(
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
+    if request.frames and not request.converter:
+        raise InputError("--frames: is for a board with a host and a converter; add --converter NAME")
     if request.converter and not (request.standalone or request.link):
         raise InputError("--converter: needs the link or --standalone; leave out --no-link")
     if request.standalone and not request.link:
@@ -112,6 +115,8 @@ def command(request: BoardRequest) -> None:
     check_folder(folder, MARK)
     integer = integer_model(request.model)
     config = with_converter(suited(integer.config, target, lanes, lane_type), request.converter)
+    if request.frames:
+        config = config.replace(send_frames=True)
     if request.stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
     design = BuildRequest(

@@ -5,6 +5,7 @@ Example: eskin watch model --data recordings.npz, or eskin watch model --simulat
 """
 
 import contextlib
+import dataclasses
 import math
 import signal
 import threading
@@ -22,12 +23,14 @@ from eskin.golden.model import IntegerModel
 from eskin.live.hub import Hub
 from eskin.live.link import Link
 from eskin.live.player import Controls, Player, hello
+from eskin.live.recorder import GrowingArchive, Recorder
 from eskin.live.serial_port import SerialPort
 from eskin.live.server import PageServer
-from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, on_port
+from eskin.live.sources import BoardSource, Listener, ModelSource, SensorSource, SimulationSource, on_port
 from eskin.pages.views import TEMPLATES
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register
 from eskin.verbs.build import board_of
 from eskin.verbs.replay import answer_s
 
@@ -35,6 +38,9 @@ from eskin.verbs.replay import answer_s
 class WatchRequest(ModelOptions):
     data: str | None = option(f"Recordings to play. {DATA}")
     port: str | None = option("Serial port of a board. Without --data: show its own sensor.")
+    record: Path | None = option(
+        "With --port: archive (.npz) that touches of the board's own sensor are added to.", metavar="FILE"
+    )
     simulate: bool = option("Also simulate the RTL and compare it in lock step.", False, "--simulate")
     host_port: int = option("TCP port of the page; 0: any free one.", 8765, min=0, max=65535)
 
@@ -42,6 +48,8 @@ class WatchRequest(ModelOptions):
 def command(request: WatchRequest) -> Record:
     if request.port and request.simulate:
         raise InputError("--simulate: cannot be combined with --port; leave one out")
+    if request.record and (request.data or not request.port):
+        raise InputError("--record: is for a board with its own sensor; add --port, and leave --data out")
     if not (request.data or request.port or request.simulate):
         raise InputError(
             "--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic "
@@ -59,7 +67,7 @@ def command(request: WatchRequest) -> Record:
         messages.print(f"watch: {escape(address)} (stop with Ctrl-C)", soft_wrap=True, highlight=False)
 
     result = watch(request, integer, recordings, baud, ready)
-    show("watch", **result, hardware=bool(request.simulate or request.port))
+    show("watch", **result, hardware=bool(request.simulate or (request.port and request.data)))
     return result
 
 
@@ -82,8 +90,9 @@ def opened_source(
         The port cannot be opened, or no eskin board answers on it.
     """
     if request.port and baud:
+        recorder = Recorder(GrowingArchive(request.record, model.config), model) if request.record else None
         with contextlib.closing(SerialPort(request.port, baud)) as transport:
-            yield board_source(model, transport, request.port, baud, plays)
+            yield board_source(model, transport, request.port, baud, plays, recorder)
         return
     source: ModelSource = ModelSource(model)
     if request.simulate:
@@ -98,14 +107,36 @@ def opened_source(
         yield source
 
 
-def board_source(
-    model: IntegerModel, transport: Any, port: str, baud: int, plays: bool
-) -> BoardSource | Listener:
-    """The board behind ``transport``: loaded and to be given recordings, or listened to as it is."""
+def at_scan_rate(model: IntegerModel) -> IntegerModel:
+    """The model for the frames that a board's sensor gives, which are those that the chain takes."""
     config = model.config
-    link = Link(transport, register_map(config), timeout_s=answer_s(config, baud))
+    sensor = {"sample_rate_hz": config.sensor.scan_rate_hz, "scan_every": 1}
+    return dataclasses.replace(model, config=config.replace(**sensor))
+
+
+def board_source(
+    model: IntegerModel, transport: Any, port: str, baud: int, plays: bool, recorder: Recorder | None = None
+) -> BoardSource | SensorSource | Listener:
+    """The board behind ``transport``: loaded and to be given recordings, asked for its frames by a recorder, or listened
+    to as it is.
+
+    Raises
+    ------
+    InputError
+        No eskin board answers; it does not send frames.
+    """
+    config, map_ = model.config, register_map(model.config)
+    map_["registers"] |= {"FRAMES": int(InterfaceRegister.FRAMES)}
+    link = Link(transport, map_, timeout_s=answer_s(config, baud))
     with on_port(port):
         link.connect()
+        if recorder:
+            link.write([(Register.CONTROL, Control.ARM), (InterfaceRegister.FRAMES, 1)])
+            if link.read("FRAMES") != 1:
+                raise InputError(
+                    f"--record: the board on {port} sends no frames; build it with --converter NAME --frames"
+                )
+            return SensorSource(model, link, port, recorder)
         if not plays:
             return Listener(config, link, port)
         link.load(boot_writes(config, model.arrays))
@@ -139,6 +170,7 @@ def watch(
     InputError, SimulationError
         What went wrong before or while it was shown.
     """
+    model = at_scan_rate(model) if request.record else model
     config, controls = model.config, Controls()
     numbers = [] if recordings is None else in_turn(recordings)
     shape = recordings.grid if recordings is not None and recordings.grid else None

@@ -513,6 +513,7 @@ class Interface(Group):
     - converter: ``none``, a name from golden/core/converters, or an object of the name and the converter's fields:
       ``{"name": "ddc232", "bits": 16}``.
     - rows, columns: size of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
+    - send_frames: the host may ask for the converter's frames over the serial link.
     - position: compute where the array is touched. position_rest: sample of an untouched cell. position_threshold: codes above
       it from which a cell is touched. slide_least: sixteenths of a cell between first and last position, along the longer
       axis, from which a touch is a slide.
@@ -524,6 +525,7 @@ class Interface(Group):
     """
 
     converter: Annotated[InstanceOf[Converter], BeforeValidator(converter_of)] = NoConverter()
+    send_frames: StrictBool = False
     position: StrictBool = False
     rows: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
     columns: Annotated[StrictInt, Interval(ge=1, le=16)] = 4

@@ -1,4 +1,4 @@
-"""Decisions and answers onto the serial line: docs/specification_interfaces.md section 9."""
+"""Decisions, answers and frames onto the serial line: docs/specification_interfaces.md section 9."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -6,18 +6,22 @@ from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import decision_layout, inputs, outputs
+from eskin.rtl.host.frame_sender import word_layout
 from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT, is_special
 
-CLOSING = 7
+CHECK, CLOSING = 5, 7
 
 
 class PacketTransmitter(wiring.Component):
-    """Sends packets of 5 bytes and a check sequence, each bit straight from its source: no byte is stored.
+    """Sends packets of 5 bytes, or of a frame's words, and a check sequence, each bit straight from its source: no byte
+    is stored.
 
     Parameters
     ----------
     divisor:
         Clocks a bit.
+    sends_frames:
+        There are frames.
 
     Members
     -------
@@ -31,6 +35,8 @@ class PacketTransmitter(wiring.Component):
         The answer is out.
     r_data : In(16), address : In(6), expected : In(8)
         The answer, which register it is, and the number of the next write or frame.
+    words : In(stream of word_layout), only with ``sends_frames``
+        A frame, when neither a decision nor an answer is there; each word stays until it is out.
     tx : Out(1)
         The line, from a register, idle high.
 
@@ -38,12 +44,13 @@ class PacketTransmitter(wiring.Component):
     ``divisor`` cycles after it can.
     """
 
-    def __init__(self, config: AcceleratorConfig, divisor: int):
-        self._divisor = divisor
+    def __init__(self, config: AcceleratorConfig, divisor: int, sends_frames: bool = False):
+        self._divisor, self._sends_frames = divisor, sends_frames
         super().__init__(
             inputs(
                 "answer", decision=stream.Signature(decision_layout(config)), r_data=16, address=6, expected=8
             )
+            | (inputs(words=stream.Signature(word_layout)) if sends_frames else {})
             | outputs("answered")
             | {"tx": Out(1, init=1)}
         )
@@ -53,7 +60,7 @@ class PacketTransmitter(wiring.Component):
         decisions = self.decisions = Signal(7)  # sent since reset
         is_decision = self.is_decision = Signal()
         is_answer = self.is_answer = Signal()
-        # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
+        # Place: 15 opening flag, 0 to 4 body (0 and 1 a word of a frame), 5 and 6 check sequence, 7 closing flag.
         byte = Signal(4, init=15)
         bit = Signal(4)
         is_flag = byte[:3].all()
@@ -67,6 +74,12 @@ class PacketTransmitter(wiring.Component):
             quarters[3],
             Mux(byte[1], Mux(byte[0], quarters[2], quarters[1]), Mux(byte[0], quarters[0], number)),
         )
+        following, sends = byte + 1, is_decision | is_answer
+        if self._sends_frames:
+            is_frame = self.is_frame = Signal()
+            body = Mux(is_frame, self.words.p.word.word_select(byte[0], 8), body)
+            following = Mux(is_frame & (byte == 1), Mux(self.words.p.last, CHECK, 0), following)
+            sends |= is_frame
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
@@ -102,7 +115,11 @@ class PacketTransmitter(wiring.Component):
                     is_decision.eq(self.decision.valid),
                     is_answer.eq(~self.decision.valid & self.answer),
                 ]
-                with m.If(self.decision.valid | self.answer):
+                begins = self.decision.valid | self.answer
+                if self._sends_frames:
+                    m.d.sync += is_frame.eq(self.words.valid & ~begins)
+                    begins |= self.words.valid
+                with m.If(begins):
                     m.next = "START"
             with m.State("START"), m.If(tick):
                 m.d.sync += [self.tx.eq(0), escape.eq(special & ~escaped)]
@@ -114,8 +131,10 @@ class PacketTransmitter(wiring.Component):
                     m.d.sync += [bit.eq(0), escaped.eq(escape)]
                     m.next = "START"
                     with m.If(~escape):
-                        m.d.sync += byte.eq(byte + 1)
-                        with m.If((byte == CLOSING) | ~(is_decision | is_answer)):
+                        m.d.sync += byte.eq(following)
+                        if self._sends_frames:
+                            m.d.comb += self.words.ready.eq(is_frame & (byte == 1))
+                        with m.If((byte == CLOSING) | ~sends):
                             m.next = "IDLE"
                         m.d.comb += done.eq(byte == CLOSING)
             # only an upset of the state's two bits leads here: without a way out the line would be dumb for

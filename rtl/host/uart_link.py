@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import decision_layout, drive, inputs, outputs, sample_layout, struct
 from eskin.rtl.host.control import bus_signature
+from eskin.rtl.host.frame_sender import word_layout
 from eskin.rtl.host.packet_framing import FrameCheck, Unstuffer
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
 from eskin.rtl.host.uart import UartReceiver
@@ -36,6 +37,8 @@ class UartLink(wiring.Component):
         ``taxels``, and the sample format.
     divisor:
         Clocks a bit (`eskin.rtl.host.uart.uart_divisor`).
+    sends_frames:
+        As of `PacketTransmitter`.
 
     Members
     -------
@@ -46,6 +49,8 @@ class UartLink(wiring.Component):
     decision : In(stream of decision_layout)
         Taken when its packet is out. Where it is withdrawn before (a new recording was armed), its packet is
         broken off.
+    words : In(stream of word_layout), only with ``sends_frames``
+        As of `PacketTransmitter`.
     bus : Out
         Registers.
     expected : Out(8)
@@ -54,11 +59,13 @@ class UartLink(wiring.Component):
     A packet acts on ``frame`` or ``bus`` 4 cycles after the middle of its last flag's stop bit.
     """
 
-    def __init__(self, config: AcceleratorConfig, divisor: int):
-        self._config, self._divisor = config, divisor
+    def __init__(self, config: AcceleratorConfig, divisor: int, sends_frames: bool = False):
+        self._config = config
+        self._divisor, self._sends_frames = divisor, sends_frames
         super().__init__(
             inputs(decision=stream.Signature(decision_layout(config)))
             | outputs(frame=stream.Signature(sample_layout(config)), bus=bus_signature(), expected=8)
+            | (inputs(words=stream.Signature(word_layout)) if sends_frames else {})
             | {"rx": In(1, init=1), "tx": Out(1, init=1)}
         )
 
@@ -69,9 +76,11 @@ class UartLink(wiring.Component):
         m.submodules.unstuffer = unstuffer = Unstuffer()
         m.submodules.check = check = FrameCheck()
         m.submodules.transmitter = transmitter = self.transmitter = PacketTransmitter(
-            self._config, self._divisor
+            self._config, self._divisor, self._sends_frames
         )
         wiring.connect(m, wiring.flipped(self.decision), transmitter.decision)
+        if self._sends_frames:
+            wiring.connect(m, wiring.flipped(self.words), transmitter.words)
         m.d.comb += receiver.rx.eq(self.rx)
         drive(m, unstuffer, data=receiver.data, valid=receiver.valid)
         drive(m, check, byte=unstuffer.byte, valid=unstuffer.byte_valid, start=unstuffer.end)

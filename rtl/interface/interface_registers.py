@@ -36,6 +36,8 @@ class InterfaceRegisters(Block):
         It is being written.
     position : In(struct: valid, payload of position_layout), only with ``position``
     fault : In(bits of ConverterFault), only with a converter
+    sends : Out(1), only with ``send_frames``
+        The host wants frames.
     settings : Out(settings_layout), only with a converter and a stimulator
         As they were written; what the stimulator gets is limited behind this (`StimulatorFrames`). An
         amplitude above 255 is 255.
@@ -48,6 +50,7 @@ class InterfaceRegisters(Block):
             | outputs("armed", "arm", inner=bus_signature())
             | (inputs(position=struct("valid", payload=position_layout)) if config.interface.position else {})
             | (inputs(fault=FAULT_BITS) if InterfaceRegister.CONVERTER_FAULTS in registers else {})
+            | (outputs("sends") if InterfaceRegister.FRAMES in registers else {})
             | (
                 {"settings": Out(settings_layout, init=reset_settings(config))}
                 if InterfaceRegister.STIM_WIDTH in registers
@@ -89,6 +92,10 @@ class InterfaceRegisters(Block):
             with m.If(command & (bus.w_data & Control.CLEAR_FAULTS).any()):
                 m.d.sync += faults.eq(self.fault)
             readable[number_of.CONVERTER_FAULTS] = faults
+        if number_of.FRAMES in registers:
+            readable[number_of.FRAMES] = self.sends
+            with m.If(bus.w_stb & (bus.addr == int(number_of.FRAMES))):
+                m.d.sync += self.sends.eq(bus.w_data[0])
         if number_of.STIM_WIDTH in registers:
             for name, bits in SETTINGS.items():
                 number, setting = number_of[f"STIM_{name.upper()}"], getattr(self.settings, name)

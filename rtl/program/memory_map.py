@@ -187,6 +187,7 @@ class InterfaceRegister(Described):
     # the same before and after: the two above belong together
     POSITIONS = 0x32, "ro", "Positions reported since ARM, modulo 65536"
     CONVERTER_FAULTS = 0x33, "ro", "Flags of the converter's faults, sticky until CLEAR_FAULTS"
+    FRAMES = 0x34, "rw", "Frames are sent over the serial link", {"ON": (0, 0)}
     # limits of the bitstream hold whatever is written
     STIM_AMPLITUDE = 0x38, "rw", "The stimulator's amplitude; above 255: 255", WHOLE, None
     STIM_DELAY = 0x39, "rw", "The stimulator's delay", WHOLE, None
@@ -579,7 +580,7 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     interface, register = config.interface, InterfaceRegister
     registers = [register.POSITION, register.POSITION_PEAK, register.POSITIONS] if interface.position else []
     if interface.converter.name != "none":
-        registers.append(register.CONVERTER_FAULTS)
+        registers += [register.CONVERTER_FAULTS, *[register.FRAMES] * interface.send_frames]
     if interface.converter.name != "none" and interface.stimulator != "none":
         registers += [row for row in register if row >= register.STIM_AMPLITUDE]
     return registers

@@ -13,6 +13,7 @@ from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.host.decision_queue import decision_word
+from eskin.rtl.host.frame_sender import FrameSender
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from eskin.rtl.host.wishbone_front import WishboneFront
@@ -43,7 +44,7 @@ FRAMES = {
     **inputs("s_axis_tlast", "s_axis_tuser"),
 }
 DECISIONS = {"m_axis_tdata": Out(32), "m_axis_tvalid": Out(1), "m_axis_tready": In(1), "m_axis_tlast": Out(1)}
-INSIDE = ("bus", "frame", "decision", "any_fault", "request", "expected")
+INSIDE = ("bus", "frame", "words", "decision", "any_fault", "request", "expected")
 """Members of a host's parts that are no pins."""
 
 
@@ -73,6 +74,18 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
         raise InputError(
             f"configuration '{config.name}', field onset: is 'immediate', which needs a host to arm it; without a host, "
             "use 'band' or 'baseline'"
+        )
+
+
+def refuse_slow_line(config: AcceleratorConfig, baud: float) -> None:
+    """Refuse (InputError) a line on which a frame, a decision and an answer take longer than a frame lasts, nothing
+    escaped."""
+    needed = 10 * (2 * config.sensor.taxels + 24) * config.sensor.scan_rate_hz
+    if needed > baud:
+        raise InputError(
+            f"configuration '{config.name}', field send_frames: {config.sensor.taxels} taxels "
+            f"{config.sensor.scan_rate_hz:g} times a second need {needed:g} bit/s, and the link makes {baud:g}; set a "
+            "larger scan_every, leave send_frames out, or take a faster clock for the link"
         )
 
 
@@ -153,10 +166,13 @@ class System(wiring.Component):
             by_host: Source = "host" if host else "stream"
             source = by_host if config.interface.converter.name == "none" else "converter"
         self._source, self._class_pins, self._started = source, class_pins, plan is not None
+        self._sends_frames = host == "link" and source == "converter" and config.interface.send_frames
+        if self._sends_frames:
+            refuse_slow_line(config, baud)
         self._parts: Record = {}  # of the host; the last one has its bus
         fed_by: FedBy | None = None
         if host == "link":
-            self._parts["link"] = UartLink(config, uart_divisor(self._clock_hz, baud))
+            self._parts["link"] = UartLink(config, uart_divisor(self._clock_hz, baud), self._sends_frames)
         elif host:
             self._parts["front"] = FRONTS[host]()
             self._parts["shell"] = BusShell(config, samples=source == "host")
@@ -260,6 +276,10 @@ class System(wiring.Component):
             m.d.sync += self.led.eq(self.led | wrong)
             if registers is not None:
                 m.d.comb += registers.fault.eq(core.fault)
+                if self._sends_frames:
+                    m.submodules.sender = sender = FrameSender(config)
+                    drive(m, sender, on=registers.sends, frame=core.frame, broken=core.broken)
+                    wiring.connect(m, sender.o, parts["link"].words)
         else:
             m.d.comb += self.led.eq(parts["link"].expected[6])
         position: Any = None

@@ -15,7 +15,7 @@ from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, completing_frames, run, through_converter
-from eskin.live.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
+from eskin.live.link import Answer, Decision, SensorFrame, Unpacker, ordered_packet, parse, read_packet
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
@@ -216,14 +216,14 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
 @pytest.mark.slow
 def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     """The link and the converter together: a host writes the model and an amplitude above its limit, arms,
-    hears each decision on frames from the converter's pins, and reads registers at the end; the stimulator
+    hears each decision and each frame from the converter's pins, and reads registers at the end; the stimulator
     gets the limit."""
     clocks, loudest = 4, CONFIG.interface.amplitude_limit
-    model = random_integer_model(CONFIG.replace(loadable=True, stim_amplitude=loudest), 1)
+    model = random_integer_model(CONFIG.replace(loadable=True, stim_amplitude=loudest, send_frames=True), 1)
     config = model.config
     hardware = board_of(model, tmp_path, link_hz=config.hardware.clock_hz / clocks, link=True)
     names = register_map(config)["registers"]
-    writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255)]
+    writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255), (names["FRAMES"], 1)]
     writes += [(int(Register.CONTROL), int(Control.ARM))]
     sent = b"".join(ordered_packet(number, address, [word]) for number, (address, word) in enumerate(writes))
     addresses = [names[name] for name in ("CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE")]
@@ -238,5 +238,9 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
         and bursts
         and len(decided) > 3
     )
+    frames = [packet for packet in packets if isinstance(packet, SensorFrame)]
+    samples = through_converter(made, config)[0].samples
+    assert [frame.number for frame in frames] == [*range(len(frames))] and len(frames) > len(samples)
+    assert (np.array([frame.words for frame in frames[: len(samples)]]) == samples).all()
     answers = {packet.address: packet.value for packet in packets if isinstance(packet, Answer)}
     assert [answers[address] for address in addresses] == [0, 0, 255]

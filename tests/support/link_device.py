@@ -7,6 +7,7 @@ import os
 import pty
 import select
 import threading
+import time
 import tty
 from collections.abc import Callable
 
@@ -16,7 +17,15 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model.preprocess import TouchFinder
 from eskin.live import link
-from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Register, Status
+from eskin.rtl.program.memory_map import (
+    ID_VALUE,
+    VERSION_VALUE,
+    Control,
+    Fault,
+    InterfaceRegister,
+    Register,
+    Status,
+)
 from eskin.rtl.program.schedule import longest_step
 from tests.support.link_flow import pack_decisions
 
@@ -158,6 +167,50 @@ class Device:
         self.packets[True] += 1
         if not self.loses(self.packets[True], True):
             os.write(self.master, link.pack(bytes([self.decisions | unsure]) + payload.to_bytes(4, "little")))
+
+
+class SensorDevice(Device):
+    """A device with a sensor, which sends the sensor's frames at the scans' rate while it is asked to.
+
+    rest: (frames, taxels) codes of the sensor untouched, again and again. touch: frames that come next. lost: as many
+    of the next frames are left out. sent: every frame that was sent.
+    """
+
+    def __init__(self, config: AcceleratorConfig, rest: np.ndarray) -> None:
+        super().__init__(config, lambda samples: (np.zeros((0, 6)), 0))
+        self.rest, self.touch, self.lost, self.number = rest, np.zeros((0, rest.shape[1]), int), 0, 0
+        self.sent: list[np.ndarray] = []
+        self._stopped = threading.Event()
+
+    def __enter__(self) -> SensorDevice:
+        super().__enter__()
+        threading.Thread(target=self._scan, daemon=True).start()
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self._stopped.set()
+        super().__exit__(kind, error, trace)
+
+    def _write(self, address: int, word: int) -> None:
+        super()._write(address, word)
+        if address == InterfaceRegister.FRAMES:
+            self.registers[address] = word & 1
+
+    def _scan(self) -> None:
+        begin, rate = time.monotonic(), self.config.sensor.scan_rate_hz
+        while not self._stopped.wait(0.01):
+            data = b""
+            for _ in range(int((time.monotonic() - begin) * rate) - self.number):
+                frame = self.rest[self.number % len(self.rest)]
+                if len(self.touch):
+                    frame, self.touch = self.touch[0], self.touch[1:]
+                if self.registers.get(InterfaceRegister.FRAMES) and not self.lost:
+                    words = np.array([self.number, *frame]) & 0xFFFF
+                    data += link.pack(words.astype("<u2").tobytes())
+                    self.sent.append(frame)
+                self.number, self.lost = self.number + 1, max(0, self.lost - 1)
+            while data:
+                data = data[os.write(self.master, data) :]
 
 
 def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:

@@ -3,28 +3,35 @@ ends."""
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from pathlib import Path
 
 import pytest
 
+from eskin.data import load_recordings
+from eskin.data.fit import for_model
 from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import run
 from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
 from eskin.verbs.watch import WatchRequest, watch
+from tests.eskin.live.test_recorder import CONFIG, rest, touch
 from tests.support import browser
+from tests.support.link_device import SensorDevice
 from tests.support.live_case import wait
 from tests.support.random_models import random_integer_model
 
 
 class Watched:
-    """``with Watched(model, recordings, ...) as watched``: eskin watch in a thread; its address, controls
-    and, afterwards, its result."""
+    """``with Watched(model, recordings, ...) as watched``: eskin watch in a thread, with ``baud`` on a board; its address,
+    controls and, afterwards, its result."""
 
-    def __init__(self, model, recordings: Recordings, *, speed: float, **options) -> None:
+    def __init__(
+        self, model, recordings: Recordings | None, *, speed: float = 1.0, baud: int | None = None, **options
+    ) -> None:
         ready = threading.Event()
 
         def told(address, controls) -> None:
@@ -34,7 +41,7 @@ class Watched:
 
         def work() -> None:
             request = WatchRequest(model=Path("model"), host_port=0, **options)
-            self.result = watch(request, model, recordings, None, told)
+            self.result = watch(request, model, recordings, baud, told)
 
         self._thread = threading.Thread(target=work)
         self._thread.start()
@@ -122,3 +129,34 @@ def test_the_page_in_a_browser():
         }
     assert watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
     assert watched.result["recordings"] == 4
+
+
+@browser.needs_browser
+def test_touches_of_a_board_are_recorded_in_a_browser(tmp_path):
+    """What the page asks for is done; a class of the model and a new one, one touch taken back; the model reads the file."""
+    model = random_integer_model(CONFIG.replace(sample_rate_hz=200.0, fault_frames=0), 5)
+    known, path = model.config.network.class_names[0], tmp_path / "touches.npz"
+    options = dict(baud=2_000_000, record=path)
+    with (
+        SensorDevice(model.config, rest(64)) as board,
+        Watched(model, None, port=board.port, **options) as watched,
+        browser.opened() as page,
+    ):
+        page.get(watched.address)
+        wait(lambda: body(page, "ready") == "1")
+        press = "document.getElementById(arguments[0]).click()"
+        for name, touches in ((known, 2), ("wool", 1)):
+            page.execute_script("document.getElementById('recordname').value = arguments[0]", name)
+            page.execute_script(press, "record")
+            for number in range(1, touches + 1):
+                wait(lambda: body(page, "waits") == f"press the sensor: touch {number} of class {name}")  # noqa: B023
+                board.touch = touch(number)
+                wait(lambda: json.loads(body(page, "counts")).get(name) == number)  # noqa: B023
+            page.execute_script(press, "record")
+            wait(lambda: body(page, "name") == "")
+        assert text(page, "recordcounts") == f"{known}: 2 touches" + "wool: 1 touch"
+        page.execute_script(press, "undo")
+        wait(lambda: json.loads(body(page, "counts")) == {known: 2})
+        assert browser.console_errors(page) == []
+    saved = for_model(load_recordings(path), model.config)
+    assert len(saved) == 2 and (run(model, saved).decision >= 0).all() and watched.result["recordings"] == 3

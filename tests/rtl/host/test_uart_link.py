@@ -34,12 +34,15 @@ def bits_of(byte: int) -> list[int]:
     return [0, *(byte >> k & 1 for k in range(8))]
 
 
-def play(line, *, divisor=4, config=CONFIG, decisions=(), until=0, quiet=40, read_value=lambda address: 0):
-    """What the link makes of ``line``: bytes, or ``None`` (10 bits of idle). until: cycles before frames are taken.
+def play(
+    line, *, divisor=4, config=CONFIG, decisions=(), until=0, quiet=40, read_value=lambda address: 0, sent=()
+):
+    """What the link makes of ``line``: bytes, or ``None`` (10 bits of idle). until: cycles before frames are taken. sent:
+    words of each frame to the host.
 
     frames: complete lists of samples. writes, reads: bus accesses. bodies: of packets it sent. expected, damaged.
     """
-    dut = UartLink(config, divisor)
+    dut = UartLink(config, divisor, bool(sent))
     seen, levels = SimpleNamespace(frames=[], writes=[], reads=[], expected=0, errors=[]), bytearray()
 
     async def talk(ctx):
@@ -94,7 +97,15 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), until=0, quiet=40, rea
             await ctx.tick().until(dut.decision.ready)
             ctx.set(dut.decision.valid, 0)
 
-    simulate(dut, talk, hear, sink, become_ready, decide)
+    async def send(ctx):
+        for words in sent:
+            for place, word in enumerate(words, 1):
+                put(ctx, dut.words, payload={"word": word, "last": place == len(words)}, valid=1)
+                await ctx.tick().until(dut.words.ready)
+                ctx.set(dut.words.valid, 0)
+            await ctx.tick().repeat(5)
+
+    simulate(dut, talk, hear, sink, become_ready, decide, *[send] * bool(sent))
     unpacker = link.Unpacker()
     seen.bodies = unpacker.feed(decoded(bytes(levels), divisor)[0])
     seen.damaged = unpacker.damaged
@@ -141,6 +152,34 @@ def test_divisors_and_decisions(divisor):
         link.Decision(k, payload) for k, payload in enumerate(payloads)
     ]
     assert seen.frames == [[9, 8, 7, 6]]
+
+
+@each_row("divisor", [4, 13])
+def test_frames_to_the_host_between_decisions_and_answers(divisor):
+    """Flags and escapes among their bytes, two taxels (whose packet is as long as 6 bytes) and four; a decision goes before a
+    frame that waits, and one that is withdrawn breaks no frame off."""
+    frames = [(1, 0x7E7D, 0x7E), (0x7D7E, 0xFFFF, 0), (3, *range(4)), (0x7E7E, 0x5D7D, 0x5E, 0x207D, 0x8000)]
+    decisions = [{"class": 3, "margin": 0x7E7D, "step": k} for k in range(3)]
+
+    async def withdrawn(ctx, dut):
+        ctx.set(dut.decision.valid, 1)
+        await ctx.tick().repeat(15 * divisor)
+        ctx.set(dut.decision.valid, 0)
+        await ctx.tick().repeat(40 * divisor)
+
+    line = [byte for _ in range(3) for byte in [*link.read_packet(0x13), *[None] * 60]]
+    seen = play(
+        line, divisor=divisor, decisions=[*decisions, withdrawn], read_value=lambda _: 0x7E7D, sent=frames
+    )
+    parsed = [link.parse(body) for body in seen.bodies]
+    heard = [message for message in parsed if isinstance(message, link.SensorFrame)]
+    assert [(frame.number, *frame.words.tolist()) for frame in heard] == frames
+    payloads = [pack(decision_layout(CONFIG), fields) for fields in decisions]
+    assert [message for message in parsed if isinstance(message, link.Decision)] == [
+        link.Decision(k, payload) for k, payload in enumerate(payloads)
+    ]
+    assert [message.value for message in parsed if isinstance(message, link.Answer)] == [0x7E7D] * 3
+    assert len(parsed) == len(frames) + 6 and isinstance(parsed[0], link.Decision)
 
 
 @examples(200, 2000)

@@ -8,7 +8,7 @@ from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers, mapped
 from tests.support.stream_bench import bus_accesses, simulate
 
-ALL = PRESETS["thesis"].replace(converter="ads7953", position=True, stimulator="decisions")
+ALL = PRESETS["thesis"].replace(converter="ads7953", position=True, stimulator="decisions", send_frames=True)
 CLEAR, ARM = ((int(Register.CONTROL), int(command)) for command in (Control.CLEAR_FAULTS, Control.ARM))
 
 
@@ -88,6 +88,15 @@ def test_faults_stay_until_they_are_cleared():
         assert await read(InterfaceRegister.CONVERTER_FAULTS) == 0
 
     play(body)
+
+
+def test_frames_are_sent_while_the_host_asks_for_them():
+    async def body(ctx, dut, write, read):
+        for word in (1, 0, 0xFFFF, 0xFFFE):
+            await write(InterfaceRegister.FRAMES, word)
+            assert await read(InterfaceRegister.FRAMES) == ctx.get(dut.sends) == word & 1
+
+    assert play(body) == []
 
 
 def test_every_other_access_goes_through_in_its_cycle():

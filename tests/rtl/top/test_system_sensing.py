@@ -10,6 +10,7 @@ from amaranth.sim import Simulator
 from eskin.golden.core import PRESETS
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import system
+from eskin.verbs.build import BoardRequest, command
 from tests.support.silent import Silent
 from tests.support.table import refused
 
@@ -78,6 +79,18 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         assert ctx.get(dut.led)
 
     run(dut, play)
+
+
+def test_frames_need_a_line_that_is_fast_enough():
+    """10 (2 x 16 + 24) bits 3000 times a second."""
+    config = CONFIG.replace(send_frames=True)
+    system.refuse_slow_line(config, 1.68e6)
+    with refused(
+        "field send_frames: 16 taxels 3000 times a second need 1.68e.06 bit/s, and the link makes 1.5e.06"
+    ):
+        system.System(config, baud=1.5e6)
+    with refused("add --converter NAME"):
+        command(BoardRequest(model="model", target="icebreaker", frames=True))
 
 
 def test_what_needs_a_host_is_refused():
