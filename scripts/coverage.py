@@ -7,6 +7,7 @@ it cannot be, and both know a case only once a simulator runs, while random desi
 """
 
 import html
+import itertools
 import json
 import subprocess
 import sys
@@ -25,8 +26,13 @@ FOLDER, PLAN = ROOT / "build" / "coverage", ROOT / "tests" / "plan.toml"
 PARTS, MERGED = FOLDER / "parts", FOLDER / "coverage.json"
 REQUIRED = 0.99
 STYLE = ROOT / "eskin" / "pages" / "templates" / "style.css"
+CONVERTERS = "mcp3208x2", "ad7476", "spi", "ddc232", "matrix", "mpr121, 13 x 9"
+"""Those that the quick tests do not play."""
+PINS = [f"tests/cosim/test_converters.py::test_exact_from_the_pins[{name}]" for name in CONVERTERS]
 DESIGNS = [f"tests/test_random_designs.py::test_a_drawn_design_is_exact[{part}]" for part in (0, 1)]
 """A round of designs that begin with missing bins."""
+ROUNDS = ["--dist", "worksteal"], ["-m", "slow", "tests/rtl/top/test_system_bus.py", *PINS]
+"""What pytest runs once, before DESIGNS."""
 SHOWN = 8
 """Words of a list that the page shows."""
 
@@ -167,15 +173,14 @@ def main(minutes: float = 0) -> None:
     end = time.monotonic() + 60 * minutes
     if minutes:
         MERGED.unlink(missing_ok=True)
-    session = ["-q", "--dist", "worksteal"]
+    rounds = itertools.chain(ROUNDS, itertools.repeat(["--hypothesis-profile=long", *DESIGNS]))
     while (left := end - time.monotonic()) > 0 and share(read()["bins"]) < REQUIRED:
-        command = [sys.executable, "-m", "pytest", "-n", "2", *session]
+        command = [sys.executable, "-m", "pytest", "-q", "-n", "2", *next(rounds)]
         try:
             if subprocess.run(command, cwd=ROOT, timeout=left, check=False).returncode:
                 sys.exit("a test fails: see above")
         except subprocess.TimeoutExpired:
             break
-        session = ["--hypothesis-profile=long", *DESIGNS]
     merge()
     merged = read()
     FOLDER.mkdir(parents=True, exist_ok=True)

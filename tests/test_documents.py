@@ -74,7 +74,7 @@ def prose(path: Path) -> str:
 def test_the_pages_are_short():
     """A command writes the page of figures, and the specification is as long as the design needs."""
     words = {path.stem: len(path.read_text().split()) for path in PAGES if path.stem != "figures"}
-    assert sum(words.values()) <= 33_700  # sections of issues 56 to 59 added 1700
+    assert sum(words.values()) <= 34_400  # sections of issues 56 to 59 added 2400
     assert all(count <= 2500 or page.startswith("specification") for page, count in words.items())
     assert len((ROOT / "README.md").read_text().splitlines()) <= 130
 

@@ -164,9 +164,9 @@ INSIDE = Effort(
 """Effort inside folds, where there are many choices."""
 
 
-MOST_STURDY_INPUTS = 6000
-"""Most inputs, over all windows, of a linear cell that is fitted under disturbance: some matrices of their square lie
-in the memory of every process, each with 0.3 GB at 6000."""
+MOST_STURDY_INPUTS = 2048
+"""Most inputs, over all windows, of a linear cell that is fitted under disturbance, as 256 taxels in 8 windows have:
+the time of a fit grows with their third power."""
 
 
 @dataclass(frozen=True, kw_only=True)
