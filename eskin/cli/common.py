@@ -207,6 +207,19 @@ def say(sentence: str) -> None:
     console.print(escape(spelled(sentence)), soft_wrap=True)
 
 
+LONG_S = 60.0
+"""A choice of front ends that takes longer is followed by a long one of networks."""
+
+
+def remaining(front_ends_s: float, folds: bool = True) -> str:
+    """How long the networks will take behind front ends that took so many seconds, and what shortens it; empty where that is
+    short. The factors are those of archives of 8 to 256 taxels."""
+    if front_ends_s < LONG_S or not folds:
+        return ""
+    least, most = (max(round(factor * front_ends_s / 60), 1) for factor in (3, 10))
+    return f"the networks and their folds take {least} to {most} minutes more; --stress off or a --cell shortens that"
+
+
 def warn(sentence: str) -> None:
     """A line beside the result."""
     messages.print(escape(spelled(sentence)), soft_wrap=True)

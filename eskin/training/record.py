@@ -225,7 +225,8 @@ class Judged(Shares):
 
 class Disturbed(Result):
     """Networks under the panel, on recordings and disturbances that no choice has met. undisturbed_accuracy: of the same
-    recordings, which the bounds refer to. stress_held of stress_modes: modes of ``stress``. Empty without a panel."""
+    recordings, which the bounds refer to. stress_held of stress_modes: modes of ``stress``. oscillator: at a rate that is off
+    as a part's own oscillator may be. Empty without a panel."""
 
     stress: Sequence[ModeFigure] = []
     gate_modes: Sequence[ModeFigure] = []
@@ -233,6 +234,7 @@ class Disturbed(Result):
     undisturbed_accuracy: float = 0.0
     stress_held: int = 0
     stress_modes: int = 0
+    oscillator: ModeFigure | None = None
 
     @property
     def modes(self) -> list[ModeFigure]:

@@ -147,9 +147,6 @@ def command(request: BoardRequest) -> None:
         stop(clock_sentence(result), 1)
 
 
-RATE_MODE = "wrong sample rate"
-
-
 def refuse_rate_not_held(folder: Path) -> None:
     """Refuse a model that is known not to hold another rate: the part's own oscillators are off by up to
     `standby.TOLERANCE`.
@@ -157,15 +154,15 @@ def refuse_rate_not_held(folder: Path) -> None:
     Raises
     ------
     InputError
-        Training has judged the mode, at a smaller error, and its figure is below the bound.
+        Training has judged it, and its figure is below the bound.
     """
-    splits = training_of(folder).cross_validation[:1]
-    for row in [row for split in splits if split.nested for row in split.nested.disturbed.stress]:
-        if row.mode == RATE_MODE and not row.held:
+    for split in training_of(folder).cross_validation[:1]:
+        row = split.nested.disturbed.oscillator if split.nested else None
+        if row and not row.held:
             raise InputError(
                 f"`standalone`: the part's own oscillator is off by up to {100 * standby.TOLERANCE:g} %, and '{folder}' does "
-                f"not hold a {RATE_MODE} ({100 * row.figure:.1f} % where {100 * row.bound:.1f} % are asked, on unseen "
-                f"recordings); train with --stress FILE, in which {RATE_MODE} weighs more, or use a board with a clock"
+                f"not hold {row.mode} ({100 * row.figure:.1f} % where {100 * row.bound:.1f} % are asked, on unseen "
+                f"recordings); train with --stress FILE, in which '{row.mode}' weighs more, or use a board with a clock"
             )
 
 

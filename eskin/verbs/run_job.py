@@ -27,7 +27,7 @@ from rich.console import Console
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import configure
 from eskin.choose.networks import check_units
-from eskin.cli.common import spelled
+from eskin.cli.common import remaining, spelled
 from eskin.cosim import flow, latency
 from eskin.cosim.results import Cycles, Played
 from eskin.cosim.simulation import Simulation
@@ -162,7 +162,10 @@ class _Steps:
             if loaded.image_shape:
                 chosen_config(loaded, config, request.cell)
             else:
+                begin = time.monotonic()
                 self.plan = configure(loaded, config, self.prices, groups=request.groups, progress=notify)
+                if words := remaining(time.monotonic() - begin):
+                    self.say(words)
             planned = self.plan.config if self.plan else config
             self.held_back = for_model(test, planned, self.say) if test is not None and planned else test
         self.user_config = config

@@ -3,11 +3,12 @@
 Example: eskin train --data recordings.npz --out model --group person,trial
 """
 
+import time
 from pathlib import Path
 from typing import Literal
 
 from eskin.choose.choice_table import front_end_table, network_name, windows_brief
-from eskin.cli.common import ChoiceOptions, load_data, option, progress_bars, required, show, warn
+from eskin.cli.common import ChoiceOptions, load_data, option, progress_bars, remaining, required, show, warn
 from eskin.golden.core.groups import Reset
 from eskin.golden.model import check_model_target
 from eskin.memo import Memo
@@ -39,10 +40,13 @@ def command(request: TrainRequest) -> None:
     if groups is not None and folds:
         check_split(recordings, groups, folds)  # an unknown group is refused at once
     if not recordings.image_shape:
+        begin = time.monotonic()
         with progress_bars() as report:
             plan = configure(recordings, config, prices, groups=groups, folds=folds, progress=report)
         for reason in plan.reasons:
             warn(f"configuration: {reason}")
+        if words := remaining(time.monotonic() - begin, folds > 0):
+            warn(words)
         if front_ends := plan.record():
             show("front_ends", front_ends=front_ends, rows=front_end_table(front_ends))
     with progress_bars() as report:

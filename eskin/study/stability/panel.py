@@ -50,6 +50,10 @@ PANEL = (
 
 EXPERIMENTS = {name: (mode, mode.run) for name, mode in MODES.items() if isinstance(mode.run, Experiment)}
 """Modes that play recordings, and how."""
+OSCILLATOR = "a rate off by 10 %"
+"""Of a part's own oscillator that scans (`eskin.rtl.top.standby`); figures of `Panel.unseen` alone judge it."""
+_RATE, _OFF = EXPERIMENTS["wrong sample rate"]
+EXPERIMENTS[OSCILLATOR] = replace(_RATE, name=OSCILLATOR), replace(_OFF, nominal=0.1)
 
 RECORDINGS = 60
 """Recordings that are disturbed at most, spread evenly over the classes."""
@@ -210,7 +214,7 @@ class Panel:
         decisions:
             Of these networks without a disturbance.
         """
-        parts, wrong = [], dict[str, list[np.ndarray]]()
+        parts, wrong = list[tuple[np.ndarray, np.ndarray]](), dict[str, list[np.ndarray]]()
         folds = dict[int, list[tuple[Fold, FittedNetwork]]]()
         for fitted in decisions.fitted:
             folds.setdefault(fitted[0].number, []).append(fitted)
@@ -227,7 +231,9 @@ class Panel:
                 continue
             share = np.mean([panel.wrong(config, one.integer, panel.rows) for _, one in networks], axis=0)
             parts.append((right, panel.stressed(config, share)))
-            for name, cases in panel.cases(config, share).items():
+            off = Panel(fold, {OSCILLATOR: 1.0}, count, self._turns, OTHER_SEED)
+            off_share = np.mean([off.wrong(config, one.integer, off.rows) for _, one in networks], axis=0)
+            for name, cases in {**panel.cases(config, share), **off.cases(config, off_share)}.items():
                 wrong.setdefault(name, []).append(cases)
         clean, stressed = map(np.concatenate, zip(*parts, strict=True))
         accuracy = float(clean.mean())
@@ -236,7 +242,10 @@ class Panel:
             name: np.array([*map(np.concatenate, zip(*of_folds, strict=False))])
             for name, of_folds in wrong.items()
         }
+        oscillator = pooled.pop(OSCILLATOR, None)
         figures = self.figures(pooled, accuracy)
+        if oscillator is not None:
+            (figures.oscillator,) = self.figures({OSCILLATOR: oscillator}, accuracy).stress
         figures.stressed_accuracy, figures.undisturbed_accuracy = mean_told(stressed), accuracy
         figures.stress_held = sum(row.held for row in figures.stress)
         figures.stress_modes = len(figures.stress)

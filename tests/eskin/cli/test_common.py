@@ -6,7 +6,7 @@ from typing import get_type_hints
 
 import pytest
 
-from eskin.cli.common import VERBS, module_of, parse_count, parse_lanes, spelled
+from eskin.cli.common import VERBS, module_of, parse_count, parse_lanes, remaining, spelled
 from eskin.cli.main import INPUT_WORDS, OUTPUTS, check_outputs, command_of
 from eskin.verbs.energy import parse_configuration
 from eskin.verbs.enrol import EnrolRequest
@@ -105,3 +105,8 @@ def test_numbers_that_are_none_are_one_short_sentence(text):
 def test_a_field_becomes_the_option_that_sets_it():
     fields = "`clock_hz` 9: `class_`, `with_`, `k`, `threads`, `weight_bits`, `no_link`, `nothing`"
     assert spelled(fields) == "--clock 9: --class, --with, -k, --jobs, --weight-bits, --no-link, `nothing`"
+
+
+def test_a_long_choice_is_foretold():
+    assert not remaining(59) and not remaining(100, folds=False)
+    assert "take 5 to 17 minutes more" in remaining(100)

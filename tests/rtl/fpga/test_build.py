@@ -20,6 +20,7 @@ from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
+from eskin.study.stability.panel import OSCILLATOR
 from eskin.training.record import Disturbed, ModeFigure, Nested
 from eskin.verbs import build as job
 from tests.support import result_case
@@ -117,10 +118,10 @@ def test_a_rate_that_a_model_does_not_hold_is_refused_where_its_own_oscillator_s
         (False, "ulx3s", 1),  # its clock never stops
     ):
         record = result_case.training_record(result_case.recordings())
-        row = ModeFigure(mode=job.RATE_MODE, figure=0.803, bound=0.93, held=bool(holds))
+        row = ModeFigure(mode=OSCILLATOR, figure=0.803, bound=0.93, held=bool(holds))
         split = record.cross_validation[0]
         split.nested = Nested(
-            **split.plain(), disturbed=Disturbed(stress=[row] * (holds is not None)), wall_s=1
+            **split.plain(), disturbed=Disturbed(oscillator=None if holds is None else row), wall_s=1
         )
         write_json(folder / "model/training.json", record)
         status, _, err = call("--target", board, *words)

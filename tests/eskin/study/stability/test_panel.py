@@ -3,7 +3,7 @@
 import json
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -24,9 +24,10 @@ from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig
-from eskin.study.stability.core import At, Scene
+from eskin.rtl.top import standby
+from eskin.study.stability.core import At, Experiment, Scene
 from eskin.study.stability.disturbances import noisy
-from eskin.study.stability.panel import OTHER_SEED, PANEL, Panel, panel_of
+from eskin.study.stability.panel import EXPERIMENTS, OSCILLATOR, OTHER_SEED, PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.judge import Fold
 from eskin.training.recipe import RECIPES
@@ -89,6 +90,9 @@ def test_what_a_choice_has_not_seen_is_other_recordings_under_other_disturbances
         suite = replace(bench, recordings=scene.subset(rows), few=len(rows), seed=OTHER_SEED)
         assert figures == pytest.approx({name: MODES[name].run(suite).value for name in PANEL})
         assert suite.rng(3).random() != bench.rng(3).random()
+        assert EXPERIMENTS[OSCILLATOR][1].nominal == standby.TOLERANCE
+        off: Any = replace(cast(Experiment, MODES["wrong sample rate"].run), nominal=0.1)
+        assert found.oscillator and found.oscillator.figure == pytest.approx(off(suite).value)
     right = np.arange(36) % folds > 0.0  # where nothing is right there may be no touch to disturb
     assert panel.unseen(decisions(networks, right)).stressed_accuracy <= np.mean(right[rows])
 
