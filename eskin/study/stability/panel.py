@@ -232,7 +232,7 @@ class Panel:
             share = np.mean([panel.wrong(config, one.integer, panel.rows) for _, one in networks], axis=0)
             parts.append((right, panel.stressed(config, share)))
             off = Panel(fold, {OSCILLATOR: 1.0}, count, self._turns, OTHER_SEED)
-            off_share = np.mean([off.wrong(config, one.integer, off.rows) for _, one in networks], axis=0)
+            off_share = np.mean([off.wrong(config, each.integer, off.rows) for _, each in networks], axis=0)
             for name, cases in {**panel.cases(config, share), **off.cases(config, off_share)}.items():
                 wrong.setdefault(name, []).append(cases)
         clean, stressed = map(np.concatenate, zip(*parts, strict=True))
