@@ -114,6 +114,7 @@ def play(
     data: Recordings,
     *,
     stall: float = 0.0,
+    reader: float = 0.0,
     during=None,
     frame_cycles: float = 0,
     left_off: int = 0,
@@ -125,8 +126,9 @@ def play(
     """Simulate all recordings; returns streams by stage, under ``beats`` the decisions with their cycles, and
     per-recording status words.
 
-    ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many
-    cycles after the frame before. ``left_off``: so many taxels are missing at the end of every recording.
+    ``reader``: stalls of decisions alone. ``during(host)`` runs after the first frames. ``frame_cycles``: a frame
+    is offered no sooner than so many cycles after the frame before. ``left_off``: so many taxels are missing at the
+    end of every recording.
 
     ``begun``: frames of a recording that ARM ends in its first touch, before all others.
     ``then``: a model of the same design that the host loads after all recordings, which are played again.
@@ -140,7 +142,7 @@ def play(
     rng = np.random.default_rng(2)
     streams = {stage: [] for stage in STAGES}
     statuses = []
-    decisions = bench.collect(dut.o, stall=stall)
+    decisions = bench.collect(dut.o, stall=stall or reader)
     bench.stalls[0] |= bool(stall or frame_cycles)
 
     async def monitor(ctx):
