@@ -212,8 +212,8 @@ LONG_S = 60.0
 
 
 def remaining(front_ends_s: float, folds: bool = True) -> str:
-    """How long the networks will take behind front ends that took so many seconds, and how to shorten that; empty where it is
-    short. Factors as of archives of 8 to 256 taxels."""
+    """How long the networks will take after front ends that took ``front_ends_s``, and how to shorten that; empty where it is
+    short. They took 3.5 times as long with 576 recordings of 256 taxels, and about ten times with 1100 of 35."""
     if front_ends_s < LONG_S or not folds:
         return ""
     least, most = (max(round(factor * front_ends_s / 60), 1) for factor in (3, 10))

@@ -104,8 +104,10 @@ def command(request: BoardRequest) -> None:
         raise InputError(
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
-    if request.frames and not request.converter:
-        raise InputError("--frames: is for a board with a host and a converter; add --converter NAME")
+    if request.frames and (request.standalone or not request.converter):
+        raise InputError(
+            "--frames: is for a host and a converter; add --converter NAME, and leave out --standalone"
+        )
     if request.converter and not (request.standalone or request.link):
         raise InputError("--converter: needs the link or --standalone; leave out --no-link")
     if request.standalone and not request.link:

@@ -18,8 +18,9 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.system import System
 from eskin.training.made_up import random_recordings
 from eskin.verbs.cosim import BUILD
+from scripts.coverage import CONVERTERS
+from tests.cosim.test_converters import ARRAYS, RANDOM, array_case
 from tests.cosim.test_converters import CONFIG as SENSED
-from tests.cosim.test_converters import RANDOM, array_case
 from tests.support.covered import note
 from tests.support.random_models import random_integer_model
 
@@ -53,13 +54,11 @@ def test_masters_of_others_read_and_write(bus, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bus", ["axi4lite", "wishbone"])
-@pytest.mark.parametrize(
-    "chip", [name for name in RANDOM if "," not in name and " " not in name] + ["mpr121"]
-)
+@pytest.mark.parametrize("chip", ["ads7953", *CONVERTERS])
 def test_a_cpu_reads_the_decisions_of_a_converters_frames(chip, bus, tmp_path):
     """The words of all decisions, in order, from the converter's pins on."""
-    if chip == "mpr121":
-        config, made = array_case("mpr121, 13 x 9")
+    if chip in ARRAYS:
+        config, made = array_case(chip)
         samples = made.recording(0)
         rest = samples[:1]
     else:

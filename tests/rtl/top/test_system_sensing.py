@@ -89,8 +89,9 @@ def test_frames_need_a_line_that_is_fast_enough():
         "field send_frames: 16 taxels 3000 times a second need 1.68e.06 bit/s, and the link makes 1.5e.06"
     ):
         system.System(config, baud=1.5e6)
-    with refused("add --converter NAME"):
-        command(BoardRequest(model="model", target="icebreaker", frames=True))
+    for options in ({}, {"converter": "ads7953", "standalone": True}):
+        with refused("add --converter NAME, and leave out --standalone"):
+            command(BoardRequest(model="model", target="icebreaker", frames=True, **options))
 
 
 def test_what_needs_a_host_is_refused():
