@@ -215,6 +215,7 @@ class Panel:
             Of these networks without a disturbance.
         """
         parts, wrong = list[tuple[np.ndarray, np.ndarray]](), dict[str, list[np.ndarray]]()
+        off_right, off_wrong = list[np.ndarray](), list[np.ndarray]()
         folds = dict[int, list[tuple[Fold, FittedNetwork]]]()
         for fitted in decisions.fitted:
             folds.setdefault(fitted[0].number, []).append(fitted)
@@ -231,10 +232,13 @@ class Panel:
                 continue
             share = np.mean([panel.wrong(config, one.integer, panel.rows) for _, one in networks], axis=0)
             parts.append((right, panel.stressed(config, share)))
-            off = Panel(fold, {OSCILLATOR: 1.0}, count, self._turns, OTHER_SEED)
-            off_share = np.mean([off.wrong(config, each.integer, off.rows) for _, each in networks], axis=0)
-            for name, cases in {**panel.cases(config, share), **off.cases(config, off_share)}.items():
+            for name, cases in panel.cases(config, share).items():
                 wrong.setdefault(name, []).append(cases)
+            off = Panel(fold, {OSCILLATOR: 1.0}, len(rows), self._turns, OTHER_SEED)  # a board depends on it
+            off_share = np.mean([off.wrong(config, each.integer, off.rows) for _, each in networks], axis=0)
+            for cases in off.cases(config, off_share).values():
+                off_right.append(correct[rows[off.rows]])
+                off_wrong.append(cases)
         clean, stressed = map(np.concatenate, zip(*parts, strict=True))
         accuracy = float(clean.mean())
         # front ends may mask other taxels, so a fold may have fewer cases than another
@@ -242,10 +246,10 @@ class Panel:
             name: np.array([*map(np.concatenate, zip(*of_folds, strict=False))])
             for name, of_folds in wrong.items()
         }
-        oscillator = pooled.pop(OSCILLATOR, None)
         figures = self.figures(pooled, accuracy)
-        if oscillator is not None:
-            (figures.oscillator,) = self.figures({OSCILLATOR: oscillator}, accuracy).stress
+        if off_wrong:
+            cases, unturned = np.concatenate(off_wrong, axis=1), float(np.concatenate(off_right).mean())
+            (figures.oscillator,) = self.figures({OSCILLATOR: cases}, unturned).stress
         figures.stressed_accuracy, figures.undisturbed_accuracy = mean_told(stressed), accuracy
         figures.stress_held = sum(row.held for row in figures.stress)
         figures.stress_modes = len(figures.stress)
