@@ -331,7 +331,9 @@ class Searched:
         plan, settings = self.plan, self.settings
         recordings, searches = settings.recordings, list[NetworkSearch]()
         hardening = plan.hardening(settings.stress)  # once: folds ask for the same sturdier front ends
-        for part in parts:
+        for number, part in enumerate(parts):
+            if settings.progress:
+                settings.progress("front ends chosen without the fold that judges them", number, len(parts))
             folds = [part[rows] for rows in inner_folds(recordings.subset(part), settings.groups)]
             front_ends = Listed.alone(plan.config)
             if plan.front_ends:
