@@ -27,7 +27,7 @@ def model_of(
     height, width, layers, lanes: int, lane_type: str = "plain", classes=CLASSES, **fields
 ) -> IntegerModel:
     config = AcceleratorConfig.of_image(height, width, layers, classes).with_lanes(lanes, lane_type)
-    return random_image_model(config.replace(**fields), seed=3)
+    return random_image_model(config.replace(**fields), seed=6)  # some values of its maps saturate
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +42,9 @@ PLAYS = {
     "stalls, a refused write": ((5, 7, LAYERS, 4), {}, 4, dict(stalls=True, probe=True)),
     "defended": (*DEFENDED, 3, {}),
     "defended, declared": (*DEFENDED, 3, dict(pace="declared", clock_hz=60e3)),
+    "dsp": ((5, 7, LAYERS, 4, "dsp"), {}, 2, {}),
+    "dsp, stalls": ((5, 7, LAYERS, 4, "dsp"), {}, 2, dict(stalls=True)),
+    "dsp, declared": ((5, 7, LAYERS, 4, "dsp"), {}, 2, dict(pace="declared", clock_hz=60e3)),
     "netlist icebreaker": ((*NETLIST, "dsp"), {}, 2, dict(level="netlist", target="icebreaker")),
     "netlist ulx3s": (NETLIST, {}, 2, dict(level="netlist", target="ulx3s")),
 }
@@ -87,7 +90,7 @@ def test_every_map_is_exact(name, tmp_path):
     if large:
         assert cycles.step_max <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
     # 28 rows at 1000 Hz are over before one lane at 12 MHz has an image, as 5 before 4 lanes at 60 kHz have one
-    late = name == "defended, declared" or (large and lanes == 1)
+    late = name.endswith("declared") or (large and lanes == 1)
     assert result.passed != late and result.probe == ("write" in name)
     if "netlist" in name:
         cells = result.without_probes.cells
