@@ -54,12 +54,12 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
         Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length,
         or of its set of weights.
     """
-    layout, constant = code.layout, code.plan.constant_addends
+    layout, constant, judged = code.layout, code.plan.constant_addends, code.judged
     length, weight_set = layout.checks[check]
     weight = weight_set * len(code.plan.weight_words)
     for slot, word in enumerate(code.unrolled()):
-        if code.again <= slot < code.judged - 1:
-            age = code.judged - 2 - slot
+        if code.again <= slot < judged - 1:
+            age = judged - 2 - slot
             if word["mac"]:
                 for lane in range(code.plan.config.hardware.lanes):
                     yield age, (lane, weight)
