@@ -15,10 +15,9 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 """
 
 import random
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from amaranth.hdl import Cat, ClockDomain, Fragment, Module, Shape, Signal, Value
+from amaranth.hdl import ClockDomain, Fragment, Module, Shape, Signal, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 from amaranth.sim.pysim import PySimEngine
@@ -108,13 +107,9 @@ class Bench:
         The simulation fails after so many.
     quiet:
         Cycles without a transfer, after the last driver is done, that end it.
-    taps:
-        Signals behind one another in the signal ``taps``: to sample it takes less time than to sample each.
     """
 
-    def __init__(
-        self, dut, *, seed: int = 0, max_cycles: int = 200_000, quiet: int = 80, taps: Sequence = ()
-    ) -> None:
+    def __init__(self, dut, *, seed: int = 0, max_cycles: int = 200_000, quiet: int = 80) -> None:
         self.dut, self.max_cycles, self.quiet = dut, max_cycles, quiet
         self.cycle = 0
         self._moved = 0
@@ -123,8 +118,6 @@ class Bench:
         top = Module()
         top.domains.sync = ClockDomain()  # also for a dut without registers
         top.submodules.dut = dut
-        self.taps = Signal(max(1, len(Cat(*taps))))
-        top.d.comb += self.taps.eq(Cat(*taps))
         self._sim = Simulator(top, engine=Engine)
         self._sim.add_clock(1e-6)
 

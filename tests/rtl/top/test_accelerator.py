@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from amaranth.hdl import Shape
+from amaranth.hdl import Value
 
 from eskin.golden.core import FEATURE_KINDS, PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
@@ -137,8 +137,8 @@ def play(
     config = model.config
     dut = Accelerator(config, None if config.hardware.loadable else memory_images(config, model.arrays))
     probes = [getattr(dut.probe, stage) for stage in STAGES]
-    valid = [probe.valid for probe in probes]
-    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000, taps=[*valid, *(p.value for p in probes)])
+    valid, codes = zip(*((probe.valid, Value.cast(probe.value)) for probe in probes), strict=True)
+    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
     rng = np.random.default_rng(2)
     streams = {stage: [] for stage in STAGES}
     statuses = []
@@ -146,14 +146,10 @@ def play(
     bench.stalls[0] |= bool(stall or frame_cycles)
 
     async def monitor(ctx):
-        async for _, _, bits in ctx.tick().sample(bench.taps):
-            if bits & (1 << len(STAGES)) - 1:
-                at = len(STAGES)
-                for number, (stage, probe) in enumerate(zip(STAGES, probes, strict=True)):
-                    shape = probe.value.shape()
-                    if bits >> number & 1:
-                        streams[stage].append(unpack(shape, bits >> at))
-                    at += Shape.cast(shape).width
+        async for _, _, *sampled in ctx.tick().sample(*valid, *codes):
+            for stage, high, bits, probe in zip(STAGES, sampled, sampled[len(STAGES) :], probes, strict=False):
+                if high:
+                    streams[stage].append(unpack(probe.value.shape(), bits))
 
     async def feed(ctx):
         host = Host(dut, ctx)
