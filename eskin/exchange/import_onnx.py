@@ -424,7 +424,7 @@ def _read_forest(graph: Graph) -> Network:
             and np.allclose(len(roots) * shares[~compares].sum(axis=1), 1, atol=TOLERANCE)
             and {*feature} <= {*range(columns)}
         )
-    except (ArithmeticError, LookupError, TypeError, ValueError):
+    except (LookupError, ValueError):
         sound = False
     if not sound:
         graph.refuse(node, "has damaged trees; convert the forest again")
