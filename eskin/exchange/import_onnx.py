@@ -368,42 +368,32 @@ def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str
 
 
 # ---------------------------------------------------------------------- a forest
+OF_SHARES = (
+    "does not add up shares of classes of (touches, inputs), as trees of scikit-learn do; convert one "
+    "RandomForestClassifier, ExtraTreesClassifier or DecisionTreeClassifier alone"
+)
+
+
 def _read_forest(graph: Graph) -> Network:
     """The trees of a TreeEnsembleClassifier.
 
     ``nodes_missing_value_tracks_true``, which scikit-learn sets in any forest, counts for nothing: no feature is missing.
     """
     node, *others = graph.nodes(FOREST)
-    weights, threshold, base = (
-        graph.values(node, f"{name}_as_tensor", name).astype(float)
-        for name in ("class_weights", "nodes_values", "base_values")
-    )
-    modes, transform = graph.values(node, "nodes_modes"), graph.values(node, "post_transform")
-    labels = tuple(map(str, graph.values(node, "classlabels_int64s", "classlabels_strings")))
-    columns = math.prod(graph.dims[1:])
-    kinds = "RandomForestClassifier, ExtraTreesClassifier or DecisionTreeClassifier"
-    for found, why in (
-        (
-            not 0 < columns * max(1, *graph.dims) <= MOST_VALUES,
-            "does not take (touches, inputs); convert the forest alone, with the number of its inputs",
-        ),
-        (
-            len(modes) * len(labels) > 4 * MOST_VALUES,
-            "is beyond any that the accelerator takes; fit fewer trees or smaller ones",
-        ),
-        (others, "is one of several forests; save one of one output"),
-        (
-            base.size or {*transform.flat} - {"NONE"} or (weights < 0).any(),
-            f"has base_values, a post_transform or class_weights below 0, as boosted trees have; convert a {kinds}",
-        ),
-        (
-            {*modes} - {"BRANCH_LEQ", "LEAF"},
-            "has modes beside BRANCH_LEQ, and the accelerator compares feature <= threshold alone; use BRANCH_LEQ",
-        ),
-    ):
-        if found:
-            graph.refuse(node, why)
     ids = lambda *names: [graph.values(node, f"{name}ids") for name in names]
+    weights, threshold = (
+        graph.values(node, f"{name}_as_tensor", name) for name in ("class_weights", "nodes_values")
+    )
+    modes = graph.values(node, "nodes_modes")
+    labels = tuple(map(str, graph.values(node, "classlabels_int64s", "classlabels_strings")))
+    if {*modes} - {"BRANCH_LEQ", "LEAF"}:
+        graph.refuse(
+            node,
+            "has modes beside BRANCH_LEQ, and the accelerator compares feature <= threshold alone; use it",
+        )
+    if len(modes) * len(labels) > 4 * MOST_VALUES:
+        graph.refuse(node, "is beyond any that the accelerator takes; fit fewer trees or smaller ones")
+    columns = math.prod(graph.dims[1:])
     try:
         tree, number, *sides, feature = np.stack(ids(*(f"nodes_{name}" for name in NODE_IDS)))
         place = {pair: row for row, pair in enumerate(zip(tree, number, strict=True))}
@@ -418,16 +408,18 @@ def _read_forest(graph: Graph) -> Network:
         if len(labels) == 2 and len({*classes}) == 1:  # of the second class, whichever is named
             shares = np.abs([1 / len(roots), 0] - shares.sum(axis=1, keepdims=True))
         sound = (
-            len(place) == len(tree) == len(threshold)
-            and np.isfinite([*threshold, *weights]).all()
+            not others
+            and len(place) == len(tree) == len(threshold)
+            and np.isfinite(threshold).all()
             and (children[compares] > rows[compares, None]).all()
             and np.allclose(len(roots) * shares[~compares].sum(axis=1), 1, atol=TOLERANCE)
+            and columns * max(1, *graph.dims) <= MOST_VALUES
             and {*feature} <= {*range(columns)}
         )
     except (LookupError, ValueError):
         sound = False
     if not sound:
-        graph.refuse(node, "has damaged trees; convert the forest again")
+        graph.refuse(node, OF_SHARES)
     shares[compares] = 1
     forest = Trees(roots, feature, threshold, children, shares)
     sizes = "trees", "before", "sigmoid", 0, len(labels), columns
@@ -435,7 +427,7 @@ def _read_forest(graph: Graph) -> Network:
 
 
 def _forest_agrees(graph: Graph, trees: Trees, config: AcceleratorConfig, arrays: Arrays) -> list[str]:
-    """A sentence about leaves of several classes. Refuses a graph whose scores of random touches are not the means of the
+    """A sentence about leaves of several classes. Refuses a graph whose scores of random touches are not the sums of the
     shares in its leaves."""
     threshold, size = arrays["threshold"], [graph.dims[0] or 256, *graph.dims[1:]]
     given = np.random.default_rng(1).normal(threshold.mean(), 1 + threshold.std(), size).astype(np.float32)
@@ -445,7 +437,7 @@ def _forest_agrees(graph: Graph, trees: Trees, config: AcceleratorConfig, arrays
         values = np.take_along_axis(features, trees.feature[row], axis=1)
         row = trees.children[row, (values > trees.threshold[row]).astype(int)]
     if differences(scores, trees.shares[row].sum(axis=1)[:, None]).get("every", 1) > TOLERANCE:
-        graph.refuse(graph.last, f"gives other scores than the shares in its leaves; save {TAKEN}")
+        graph.refuse(graph.last, OF_SHARES)
     logits = run_forest(config, arrays, features[:, None])[1][:, 0]
     alike = (shortfalls(scores, logits) <= TOLERANCE).mean()
     why = "leaves vote for their most frequent class alone"

@@ -387,28 +387,31 @@ def changed(name, place, value):
     return change
 
 
+NO_FOREST = "Tree.*: does not add up shares of classes .*; convert one RandomForestClassifier, "
+
+
 @each_row(
     "options, attributes, change, words",
     [
         ({}, {}, changed("nodes_modes", 0, b"BRANCH_LT"), "node 'trees' .*: has modes beside BRANCH_LEQ"),
-        ({}, {"post_transform": "LOGISTIC"}, None, "as boosted trees have; convert a RandomForestClassifier"),
-        ({}, {"base_values": [0.1, 0.2, 0.3]}, None, "as boosted trees have"),
-        ({}, {}, changed("class_weights", 0, -0.1), "as boosted trees have"),
-        ({}, {}, changed("class_weights", 0, 0.9), "has damaged trees"),
-        ({}, {}, mirrored, "gives other scores than the shares in its leaves"),
+        ({}, {"post_transform": "LOGISTIC"}, None, NO_FOREST),
+        ({}, {"base_values": [0.1, 0.2, 0.3]}, None, NO_FOREST),
+        ({}, {}, changed("class_weights", 0, -0.1), NO_FOREST),
+        ({}, {}, changed("class_weights", 0, 0.9), NO_FOREST),
+        ({}, {}, mirrored, NO_FOREST),
         ({}, {}, preceded("Scaler", "ai.onnx.ml", offset=[0.0], scale=[1.0]), "node 'Scaler' .* is not supported"),
-        ({}, {}, twice, "node 'trees' .*: is one of several forests"),
-        ({}, {}, changed("nodes_truenodeids", 0, 0), "has damaged trees; convert the forest again"),
-        ({}, {}, changed("nodes_truenodeids", 0, 5000), "has damaged trees"),
-        ({}, {}, changed("nodes_nodeids", 1, 0), "has damaged trees"),
-        ({}, {}, changed("nodes_featureids", 0, 20), "has damaged trees"),
-        ({}, {}, changed("nodes_values", 0, np.inf), "has damaged trees"),
-        ({}, {}, changed("class_ids", 0, -1), "has damaged trees"),
-        ({}, {"nodes_values": [0.5]}, None, "has damaged trees"),
-        ({}, {"nodes_treeids": None}, None, "has damaged trees"),
-        ({}, {"nodes_modes": ["LEAF"]}, None, "has damaged trees"),
-        ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[1], "dim_value", 0), "does not take .touches, inp"),
-        ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[0], "dim_value", 1 << 40), "does not take"),
+        ({}, {}, twice, NO_FOREST),
+        ({}, {}, changed("nodes_truenodeids", 0, 0), NO_FOREST),
+        ({}, {}, changed("nodes_truenodeids", 0, 5000), NO_FOREST),
+        ({}, {}, changed("nodes_nodeids", 1, 0), NO_FOREST),
+        ({}, {}, changed("nodes_featureids", 0, 20), NO_FOREST),
+        ({}, {}, changed("nodes_values", 0, np.inf), NO_FOREST),
+        ({}, {}, changed("class_ids", 0, -1), NO_FOREST),
+        ({}, {"nodes_values": [0.5]}, None, NO_FOREST),
+        ({}, {"nodes_treeids": None}, None, NO_FOREST),
+        ({}, {"nodes_modes": ["LEAF"]}, None, NO_FOREST),
+        ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[1], "dim_value", 0), NO_FOREST),
+        ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[0], "dim_value", 1 << 40), NO_FOREST),
         ({"n_estimators": 256, "max_depth": 1}, {}, None, r"field trees: is 256; it must lie in 1\.\.255, so fit fewer"),
         ({"n_estimators": 255, "max_features": 1, "max_depth": 16}, {}, None, r"field nodes: is \d+; it must lie in 1\.\.8192, so"),
         ({}, {"classlabels_strings": ["a", "b", "c"]}, None, "has classes a, b, c and .* fit it with these as labels, or"),
