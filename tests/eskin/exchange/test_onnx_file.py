@@ -414,6 +414,7 @@ NO_FOREST = "Tree.*: does not add up shares of classes .*; convert one RandomFor
         ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[0], "dim_value", 1 << 40), NO_FOREST),
         ({"n_estimators": 256, "max_depth": 1}, {}, None, r"field trees: is 256; it must lie in 1\.\.255, so fit fewer"),
         ({"n_estimators": 255, "max_features": 1, "max_depth": 16}, {}, None, r"field nodes: is \d+; it must lie in 1\.\.8192, so"),
+        ({}, {"classlabels_strings": ["a"] * 200_000}, None, "is beyond any that the accelerator takes; fit fewer"),
         ({}, {"classlabels_strings": ["a", "b", "c"]}, None, "has classes a, b, c and .* fit it with these as labels, or"),
         ({}, {"classlabels_strings": None, "classlabels_int64s": [1, 2, 3]}, None, "has classes 1, 2, 3 and"),
     ],
@@ -429,11 +430,15 @@ def test_a_forest_that_is_none_of_the_accelerator_is_refused(options, attributes
     assert not (tmp_path / "made").exists()
 
 
-def test_a_forest_of_another_array_or_of_too_many_levels_is_refused(tmp_path):
+def test_a_forest_of_another_array_or_of_too_many_levels_is_refused_and_one_of_doubles_is_not(tmp_path):
     file = forest_file(grown()[1], tmp_path / "net.onnx")
     for other, inputs in (({"steps": 4}, 16), ({"taxels": 20}, 100)):
         with refused(f"has 20 inputs and configuration .* asks for {inputs};"):
             taken(file, tmp_path, CONFIG.replace(**other))
+    made = onnx.load(file)
+    made.graph.input[0].type.tensor_type.elem_type = TensorProto.DOUBLE
+    onnx.save(made, file)
+    assert taken(file, tmp_path).config.forest.trees == 8
     levels = np.arange(40.0)[:, None]
     ladder = DecisionTreeClassifier(max_leaf_nodes=40).fit(
         np.repeat(levels, 20, axis=1), np.arange(40) % 3, sample_weight=1e6 ** -levels[:, 0].clip(0, 40)
