@@ -6,6 +6,7 @@ says what a comment before a block means). ``make`` is only asked what it would 
 project's own jobs, these tests among them.
 """
 
+import contextlib
 import dataclasses
 import doctest
 import os
@@ -30,6 +31,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
 from eskin.training.made_up import random_images
 from scripts import ROOT, docs_site
+from tests.support.forests import forest_file
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 from tests.support.tiny_cells import library, memory_library
@@ -240,7 +242,7 @@ def folder(tmp_path) -> Path:
 
 def page_folder(folder: Path, page: str) -> Path:
     """A copy of ``folder`` for the blocks of a page that take other files: recordings.npz and few.npz are of mine.npz,
-    net.onnx and its reference of an exported model."""
+    net.onnx and its reference of an exported model, forest.onnx and its reference of the page's own lines."""
     copy = folder.parent / page
     if copy.exists():
         return copy
@@ -258,6 +260,12 @@ def page_folder(folder: Path, page: str) -> Path:
         )
         outputs = session.run(None, {session.get_inputs()[0].name: inputs})[0]
         np.savez(copy / "reference.npz", inputs=inputs, outputs=outputs)
+        (lines,) = (block.text for block in blocks() if "forest = RandomForest" in block.text)
+        with contextlib.chdir(copy):
+            exec(lines, made := {})
+        features, forest = made["features"], made["forest"]
+        forest_file(forest, copy / "forest.onnx")
+        np.savez(copy / "forest.npz", inputs=features, outputs=forest.predict_proba(features))
     return copy
 
 

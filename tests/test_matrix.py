@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sklearn.ensemble import RandomForestClassifier
 
 from eskin.cli import main as command_line
 from eskin.cli.common import VERBS
@@ -34,6 +35,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.verbs import energy
 from scripts import ROOT
+from tests.support.forests import forest_file
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
@@ -125,6 +127,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "export --exact": ("export {model} --to onnx --exact --out {out}/onnx", ("early", "following")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
+    "import forest": ("import {forest} --config {config} {scale} --out {out}/model", ("trees", "image")),
     "schedule": ("schedule {model} --out {out}", ("trees", "gru-before", "image")),
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "trees")),
     "cosim netlist": (
@@ -171,8 +174,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ),
         "has reset after, not before; use --reset after",
     ),
-    (("import",), ("linear", "following"), "is to be a linear cell, which is read from ONNX"),
-    (("import",), ("trees",), "field cell: is 'trees', which this verb does not take"),
+    (("import",), ("linear", "following", "trees"), "which is read from ONNX; export it as .onnx"),
     (
         ("export --to onnx", "export --exact"),
         ("trees",),
@@ -242,7 +244,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--quantisation-aware: is for networks that read recordings",
     ),
     (
-        ("enrol", "enrol --teach", "energy", "asic", "stability", "import", "watch"),
+        ("enrol", "enrol --teach", "energy", "asic", "stability", "import", "import forest", "watch"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),
@@ -399,6 +401,15 @@ class Case:
         assert call("export", f"{self.model()}", "--to", "onnx", "--out", f"{self.out}/net") == 0
         shutil.rmtree(self.out / "trained")
         return self.out / "net" / "model.onnx"
+
+    def forest(self) -> Path:
+        """Trees of scikit-learn, fitted on noise."""
+        config = self.configuration
+        columns = 4 if config.is_image else config.windows.steps * config.inputs
+        noise = np.random.default_rng(0).normal(size=(60, columns))
+        labels = np.arange(60) % config.classes
+        fitted = RandomForestClassifier(3, max_depth=4, random_state=0).fit(noise, labels)
+        return forest_file(fitted, self.out / "forest.onnx")
 
     def scale(self) -> str:
         return "--mean 0 --std 255" if self.kind == "image" else f"--data {self.data()}"

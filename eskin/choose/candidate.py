@@ -71,12 +71,7 @@ class Candidate:
     @property
     def network(self) -> Network:
         """Cell, hidden units and recipe; trees and their depth."""
-        config, recipe = self.config, self.recipe.name
-        if config.is_forest:
-            trees, depth = config.forest.trees, config.forest.depth
-            return Network(cell="trees", hidden=0, recipe=recipe, trees=trees, depth=depth)
-        hidden = config.network.hidden if config.recurrent else 0
-        return Network(cell=config.network.cell, hidden=hidden, recipe=recipe)
+        return Network.of(self.config, self.recipe.name)
 
 
 def mean_told(shares: np.ndarray) -> float | None:

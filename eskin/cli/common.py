@@ -37,7 +37,7 @@ PANELS = {
 }
 """Verbs as the help groups them."""
 VERBS = sum(PANELS.values(), ())
-Cell = Literal["gru", "lstm", "linear"]
+Cell = Literal["gru", "lstm", "linear", "trees"]
 CellChoice = Literal["gru", "lstm", "linear", "trees", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
 """Cells, networks for images, and auto: the smallest network that is enough."""
 STRESS = "on"

@@ -1,5 +1,5 @@
 """A network trained elsewhere, from a file into a model folder: a torch state_dict. ONNX, and with it linear
-cells, is `eskin.exchange.import_onnx`.
+cells and forests, is `eskin.exchange.import_onnx`.
 
 The shapes of a state_dict determine the cell; torch's GRU has its reset gate after the recurrent product.
 The user's options must agree with it. Nothing in a file is ever run: torch files are read with
@@ -32,6 +32,7 @@ from eskin.golden.model import (
 )
 from eskin.training.datasets import scaling
 from eskin.training.formats import with_network
+from eskin.training.trees import Trees, forest_arrays
 
 NAMES = ("inputs", "outputs")
 TOLERANCE = 1e-4
@@ -51,6 +52,11 @@ def differences(outputs: np.ndarray, logits: np.ndarray) -> dict[str, float]:
             relative = difference / (1 + float(np.abs(reference).max(initial=0.0)))
             found[shows] = min(found.get(shows, np.inf), relative)
     return found
+
+
+def shortfalls(scores: np.ndarray, logits: np.ndarray) -> np.ndarray:
+    """By how much the score of the class that the logits decide is below the highest, touch by touch; both (n, C)."""
+    return scores.max(axis=1) - scores[np.arange(len(scores)), logits.argmax(axis=1)]
 
 
 def _read(path: Path, own: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
@@ -73,21 +79,23 @@ def _read(path: Path, own: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_reference(path: Path, model: FloatModel, own: tuple[str, str] = NAMES) -> Record:
-    """Compare outputs that another tool computed with the model's logits of the same inputs.
+    """Compare outputs that another tool computed with the model's logits of the same inputs; of a forest, whose leaves have
+    one vote each, with its decisions.
 
     Parameters
     ----------
     path:
         An ``.npz`` with ``inputs`` as the network takes them, so normalised: (touches, steps, inputs), steps first,
-        or of a linear cell its columns. And ``outputs``: logits of the last step (touches, classes) or of every step.
+        or of a linear cell or a forest its columns. And ``outputs``: logits of the last step (touches, classes) or of every
+        step; of a forest the classes' shares (``predict_proba``).
     own:
         Other names of the two arrays.
 
     Returns
     -------
     dict
-        file, touches, difference (largest of a logit, of 1 + the largest logit), limit, passed, shows (``last``
-        or ``every`` step's logits).
+        file, touches, difference (largest of a logit, of 1 + the largest logit; of a forest, how far the share of a class
+        that it decides is below the highest, at most), limit, passed, shows (``last`` or ``every`` step's logits).
 
     Raises
     ------
@@ -102,17 +110,20 @@ def check_reference(path: Path, model: FloatModel, own: tuple[str, str] = NAMES)
         readings = [inputs, inputs.swapaxes(0, 1)]
     elif not config.recurrent and inputs.ndim == 2 and inputs.shape[1] % wide == 0:
         readings = [inputs.reshape(len(inputs), -1, wide)]
-    readings = [features for features in readings if config.sets == 1 or features.shape[1] == steps]
+    own_steps = config.sets == 1 and not config.is_forest
+    readings = [features for features in readings if own_steps or features.shape[1] == steps]
     if not readings:
         raise InputError(f"--check {path}: its inputs have shape {inputs.shape}; they must be {wanted}")
-    found = [
-        (far, shows, len(features))
-        for features in readings
-        for shows, far in differences(outputs, model.forward(features)[1]).items()
-    ]
+    found: list[tuple[float, str, int]] = []
+    for features in readings:
+        logits = model.forward(features)[1]
+        fars = {} if config.is_forest else differences(outputs, logits)
+        if config.is_forest and outputs.shape == logits[:, -1].shape:
+            fars = {"last": float(shortfalls(outputs, logits[:, -1]).max())}
+        found += [(far, shows, len(features)) for shows, far in fars.items()]
     if not found:
         raise InputError(
-            f"--check {path}: its outputs have shape {outputs.shape}; they must be logits, "
+            f"--check {path}: its outputs have shape {outputs.shape}; they must be logits or shares, "
             f"({len(readings[0])}, {config.classes}) of the last step or of every step"
         )
     difference, shows, count = min(found)
@@ -135,7 +146,8 @@ MOST_VALUES = 1 << 20
 class Network:
     """cell, reset (of a GRU), gate_activation, hidden, classes; columns: of the first weights; arrays: by the
     names of the specification, section 8 (a linear cell: V (C, columns), b_y); names: what they are called in
-    the file; graph: of an ONNX file (`eskin.exchange.import_onnx`)."""
+    the file; graph: of an ONNX file (`eskin.exchange.import_onnx`); forest: of such a file; labels: names of the
+    classes, or their indices."""
 
     path: Path
     cell: str
@@ -147,6 +159,8 @@ class Network:
     arrays: Arrays
     names: dict[str, str]
     graph: Any = None
+    forest: Trees | None = None
+    labels: tuple[str, ...] = ()
 
     @classmethod
     def of_layers(
@@ -247,8 +261,9 @@ def fitted(
             config = config.replace(weight_sets=sets.get(network.columns, config.network.weight_sets))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+    columns = {"linear": [*sets], "trees": [*sets][:1]}.get(network.cell, [config.inputs])
     for have, unit, field, sizes in (
-        (network.columns, "inputs", "taxels" if config.kinds == 1 else "feature_kinds", [*sets][-recurrent:]),
+        (network.columns, "inputs", "taxels" if config.kinds == 1 else "feature_kinds", columns),
         (network.classes, "classes", "class_names", [config.classes]),
     ):
         if have not in sizes:
@@ -256,11 +271,21 @@ def fitted(
                 f"{where}: has {have} {unit} and configuration '{config.name}', field {field}, asks for "
                 f"{' or '.join(map(str, sizes))}; use the configuration of the array and task it was trained on"
             )
+    names = config.network.class_names
+    if {*network.labels} == {*names}:
+        config = config.replace(class_names=network.labels)  # recordings' classes are found by their names
+    elif network.labels != tuple(map(str, range(len(network.labels)))):
+        raise InputError(
+            f"{where}: has classes {', '.join(network.labels):.80} and configuration '{config.name}', field class_names, "
+            f"{', '.join(names):.80}; fit it with these as labels, or with 0 to {len(names) - 1}"
+        )
+    if network.forest:
+        return forest_arrays(config, network.forest)
     arrays = dict(network.arrays)
     if not recurrent:
         arrays["V"] = arrays["V"].reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1)
-    names = network_shapes(config, real=True)
-    return config, {name: np.array(arrays[name], dtype=np.float64) for name in names}
+    shapes = network_shapes(config, real=True)
+    return config, {name: np.array(arrays[name], dtype=np.float64) for name in shapes}
 
 
 ONNX_SUFFIX = ".onnx"
@@ -353,11 +378,6 @@ def import_network(
             f"configuration '{config.name}': is a network for images, which this verb does not take; train it "
             "here with 'eskin train'"
         )
-    if config.is_forest:
-        raise InputError(
-            f"configuration '{config.name}', field cell: is 'trees', which this verb does not take; a forest of scikit-learn "
-            "is read by eskin.training.trees.forest_arrays"
-        )
     if (mean is None) != (std is None):
         raise InputError(
             f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
@@ -376,9 +396,9 @@ def import_network(
         network = import_onnx.read_onnx(file)
     else:
         cell, reset = cell or config.network.cell, reset or config.network.reset
-        if cell == "linear":
+        if cell in ("linear", "trees"):
             raise InputError(
-                f"network '{file}': is to be a linear cell, which is read from ONNX; export it as .onnx"
+                f"network '{file}': is to have cell {cell}, which is read from ONNX; export it as .onnx"
             )
         network = read_layers(file)
     config, arrays = fitted(network, config, cell, reset)
@@ -448,7 +468,8 @@ def read_layers(path: str | Path) -> Network:
     path = Path(path)
     if path.suffix not in (".pt", ".pth") or not path.is_file():
         raise InputError(
-            f"network '{path}': is not a torch state_dict (.pt, .pth); save one, or export the network as .onnx"
+            f"network '{path}': is not a torch state_dict (.pt, .pth); save one, or export the network as .onnx, a forest of "
+            "scikit-learn with skl2onnx.to_onnx"
         )
     state = _state(path)
     names = _names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})

@@ -1,4 +1,4 @@
-"""A network in an ONNX file: one GRU or LSTM in one direction and a dense layer, or a dense layer alone.
+"""A network in an ONNX file: one GRU or LSTM in one direction and a dense layer, a dense layer alone, or a forest.
 
 Cell, sizes and reset gate are read from the nodes of the file. Then its graph is computed on random
 inputs and compared with the network that was read: nodes that only move values are not believed, so a readout
@@ -15,25 +15,30 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
-from eskin.exchange.import_network import MOST_VALUES, ROLES, TOLERANCE, Network, differences
+from eskin.exchange.import_network import MOST_VALUES, ROLES, TOLERANCE, Network, differences, shortfalls
 from eskin.exchange.onnx_file import METADATA, ORDERS
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import Float, constants_shape, run_cell
+from eskin.golden.model.forest import run_forest
+from eskin.training.trees import Trees
 
 MOST_BYTES = 64 << 20
 OPSETS = (7, onnx.defs.onnx_opset_version())
 ACTIVATIONS = {"Sigmoid": "sigmoid", "HardSigmoid": "hard_sigmoid"}
 """Of gates; the others are Tanh."""
-OPERATORS = (
+FOREST = "TreeEnsembleClassifier"
+STANDARD = (
     *ORDERS,
     *("Gemm", "MatMul", "Add", "ConstantOfShape", "Expand", "Gather", "Concat", "Constant", "Identity"),
     *("Cast", "Shape", "Transpose", "Squeeze", "Unsqueeze", "Reshape", "Flatten", "Slice"),
 )
-"""All that may stand in a file; everything else is refused by its name."""
+OPERATORS = {"": STANDARD, "ai.onnx": STANDARD, "ai.onnx.ml": (FOREST, "ZipMap")}
+"""All that may stand in a file, by domain; everything else is refused by its name."""
 TAKEN = (
     "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
-    "or a dense layer alone"
+    "a dense layer alone, or the TreeEnsembleClassifier that skl2onnx makes of a forest alone"
 )
+NODE_IDS = "tree", "node", "truenode", "falsenode", "feature"
 
 
 def _text(value: Any) -> Any:
@@ -66,7 +71,7 @@ class Graph:
         content = path.read_bytes()
         try:
             model = onnx.load_model_from_string(content)
-            versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
+            versions = [*{entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")}]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
         self.model, self.graph, self.producer = model, model.graph, _text(model.producer_name)
@@ -78,7 +83,7 @@ class Graph:
                 f"network '{path}': has opset {shown}; save it with one of {OPSETS[0]} to {OPSETS[1]}"
             )
         for node in self.graph.node:
-            if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
+            if node.op_type not in OPERATORS.get(node.domain, ()):
                 self.refuse(node, f"is not supported; use {TAKEN}")
         self.constants = {tensor.name: self._array(tensor) for tensor in self.graph.initializer}
         try:
@@ -102,7 +107,10 @@ class Graph:
             raise InputError(
                 f"network '{path}': has {len(inputs)} inputs ({names:.80}); save one that takes features alone"
             )
-        self.input = inputs[0].name
+        for node in self.nodes(FOREST):  # labels, which may be text, are not computed
+            del self.graph.output[:]
+            self.graph.output.append(onnx.ValueInfoProto(name=node.output[-1]))
+        self.input, self.kind = inputs[0].name, inputs[0].type.tensor_type.elem_type
         self.ends = self.input, *(value.name for value in self.graph.output[:1])
         self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
 
@@ -156,13 +164,18 @@ class Graph:
     def nodes(self, *kinds: str) -> list[onnx.NodeProto]:
         return [node for node in self.graph.node if node.op_type in kinds]
 
+    def values(self, node: onnx.NodeProto, *names: str) -> np.ndarray:
+        """An attribute, by the first of ``names`` that the node has; empty if it has none."""
+        attributes = node_attributes(node)
+        value = next((attributes[name] for name in names if name in attributes), ())
+        return self._array(value) if isinstance(value, onnx.TensorProto) else np.asarray(value)
+
     def constant(self, node: onnx.NodeProto, place: int, role: str) -> np.ndarray:
         """The weights that a node takes as its input number ``place``."""
         name = node.input[place] if place < len(node.input) else ""
         by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
         if name in by_node:
-            value = node_attributes(by_node[name]).get("value")
-            return self._array(value) if isinstance(value, onnx.TensorProto) else np.asarray(value)
+            return self.values(by_node[name], "value")
         if name not in self.constants:
             self.refuse(node, f"computes its {role}; save trained weights")
         return self.constants[name]
@@ -174,7 +187,8 @@ class Graph:
             session = onnxruntime.InferenceSession(
                 self.model.SerializeToString(), providers=["CPUExecutionProvider"]
             )
-            outputs = session.run(None, {self.input: values.astype(np.float32)})
+            kind = np.float64 if self.kind == onnx.TensorProto.DOUBLE else np.float32
+            outputs = session.run(None, {self.input: values.astype(kind)})
         except Exception as error:  # onnxruntime's errors have no common class of their own
             why = f"cannot be computed on an input of shape {values.shape} ({_first_line(error)})"
             self.refuse(
@@ -204,6 +218,8 @@ def shown(
     """``config`` with the decision that the file keeps; what shows how a touch is decided
     (`eskin.exchange.import_network.SHOWS`); sentences about what was taken. A graph that computes something else than
     ``arrays`` is refused (InputError)."""
+    if network.forest:
+        return config, "last", _forest_agrees(network.graph, network.forest, config, arrays)
     shows, steps = _agree(network.graph, config, arrays)
     if (own := network.graph.configuration) is not None:
         rules = {name: getattr(own.network, name) for name in ("decision", "early_margin", "early_steps")}
@@ -235,6 +251,8 @@ def read_onnx(path: str | Path) -> Network:
         The file is damaged, or holds something else; the sentence names the node.
     """
     graph = Graph(Path(path))
+    if graph.nodes(FOREST):
+        return _read_forest(graph)
     weights, bias, names = _dense(graph)
     layers = graph.nodes("GRU", "LSTM")
     if len(layers) > 1:
@@ -242,8 +260,7 @@ def read_onnx(path: str | Path) -> Network:
     if not layers:
         arrays = {"V": weights, "b_y": bias}
         classes, columns = weights.shape
-        linear = ("linear", "before", "sigmoid", 0, classes, columns)
-        return Network(graph.path, *linear, arrays, names, graph)
+        return Network(graph.path, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, graph)
     node = layers[0]
     attributes = node_attributes(node)
     gates, *others = attributes.get("activations") or ("Sigmoid", "Tanh")
@@ -348,3 +365,80 @@ def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str
         f"gives output '{graph.ends[-1]:.60}', which is not the dense layer behind the last step, or behind every step, of "
         f"a network that begins at 0; save {TAKEN}",
     )
+
+
+# ---------------------------------------------------------------------- a forest
+OF_SHARES = (
+    "does not add up shares of classes of (touches, inputs), as trees of scikit-learn do; convert one "
+    "RandomForestClassifier, ExtraTreesClassifier or DecisionTreeClassifier alone"
+)
+
+
+def _read_forest(graph: Graph) -> Network:
+    """The trees of a TreeEnsembleClassifier.
+
+    ``nodes_missing_value_tracks_true``, which scikit-learn sets in any forest, counts for nothing: no feature is missing.
+    """
+    node, *others = graph.nodes(FOREST)
+    ids = lambda *names: [graph.values(node, f"{name}ids") for name in names]
+    weights, threshold = (
+        graph.values(node, f"{name}_as_tensor", name) for name in ("class_weights", "nodes_values")
+    )
+    modes = graph.values(node, "nodes_modes")
+    labels = tuple(map(str, graph.values(node, "classlabels_int64s", "classlabels_strings")))
+    if {*modes} - {"BRANCH_LEQ", "LEAF"}:
+        graph.refuse(
+            node,
+            "has modes beside BRANCH_LEQ, and the accelerator compares feature <= threshold alone; use it",
+        )
+    if len(modes) * len(labels) > 4 * MOST_VALUES:
+        graph.refuse(node, "is beyond any that the accelerator takes; fit fewer trees or smaller ones")
+    columns = math.prod(graph.dims[1:])
+    try:
+        tree, number, *sides, feature = np.stack(ids(*(f"nodes_{name}" for name in NODE_IDS)))
+        place = {pair: row for row, pair in enumerate(zip(tree, number, strict=True))}
+        find = lambda *pairs: [place[pair] for pair in zip(*pairs, strict=True)]
+        rows, compares = np.arange(len(tree)), modes != "LEAF"
+        children = np.stack([rows, rows], axis=1)
+        children[compares] = np.stack([find(tree[compares], side[compares]) for side in sides], axis=1)
+        (classes,), leaves = ids("class_"), find(*ids("class_tree", "class_node"))
+        shares = np.zeros((len(tree), len(labels)))
+        np.add.at(shares, (leaves, [range(len(labels)).index(each) for each in classes]), weights)
+        roots = np.unique(tree, return_index=True)[1]
+        if len(labels) == 2 and len({*classes}) == 1:  # of the second class, whichever is named
+            shares = np.abs([1 / len(roots), 0] - shares.sum(axis=1, keepdims=True))
+        sound = (
+            not others
+            and len(place) == len(tree) == len(threshold)
+            and np.isfinite(threshold).all()
+            and (children[compares] > rows[compares, None]).all()
+            and np.allclose(len(roots) * shares[~compares].sum(axis=1), 1, atol=TOLERANCE)
+            and columns * max(1, *graph.dims) <= MOST_VALUES
+            and {*feature} <= {*range(columns)}
+        )
+    except (LookupError, ValueError):
+        sound = False
+    if not sound:
+        graph.refuse(node, OF_SHARES)
+    shares[compares] = 1
+    forest = Trees(roots, feature, threshold, children, shares)
+    sizes = "trees", "before", "sigmoid", 0, len(labels), columns
+    return Network(graph.path, *sizes, {}, {"trees": node.output[-1]}, graph, forest, labels)
+
+
+def _forest_agrees(graph: Graph, trees: Trees, config: AcceleratorConfig, arrays: Arrays) -> list[str]:
+    """A sentence about leaves of several classes. Refuses a graph whose scores of random touches are not the sums of the
+    shares in its leaves."""
+    threshold, size = arrays["threshold"], [graph.dims[0] or 256, *graph.dims[1:]]
+    given = np.random.default_rng(1).normal(threshold.mean(), 1 + threshold.std(), size).astype(np.float32)
+    features, (scores, *_) = given.reshape(size[0], -1), graph.compute(given)
+    row = np.tile(trees.roots, (len(features), 1))
+    for _ in range(config.forest.depth):
+        values = np.take_along_axis(features, trees.feature[row], axis=1)
+        row = trees.children[row, (values > trees.threshold[row]).astype(int)]
+    if differences(scores, trees.shares[row].sum(axis=1)[:, None]).get("every", 1) > TOLERANCE:
+        graph.refuse(graph.last, OF_SHARES)
+    logits = run_forest(config, arrays, features[:, None])[1][:, 0]
+    alike = (shortfalls(scores, logits) <= TOLERANCE).mean()
+    why = "leaves vote for their most frequent class alone"
+    return [f"{why}: {alike:.1%} of random touches are decided as by the file"] if alike < 1 else []

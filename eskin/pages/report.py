@@ -40,7 +40,7 @@ from eskin.pages.result import OnLanes, Run
 from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.evaluate import Evaluation
 from eskin.training.formats import describe_formats
-from eskin.training.record import CandidateRow, FrontEndRow, FrontEndRows, Judged, Split, Training
+from eskin.training.record import CandidateRow, FrontEndRow, FrontEndRows, Judged, Network, Split, Training
 
 PAGE = "report.html"
 AGAIN = "name a folder that 'eskin run' wrote, or run it again"
@@ -85,19 +85,11 @@ def _split_name(split: Judged, things: str = "recordings") -> str:
     return f"unseen {groups or things.removesuffix('s')}"
 
 
-def network_label(config: AcceleratorConfig) -> str:
-    """``GRU 12``, ``linear`` or ``64 trees``."""
-    network = config.network
-    if config.is_forest:
-        return f"{config.forest.trees} trees"
-    return f"{network.cell.upper()} {network.hidden}" if config.recurrent else network.cell
-
-
 def _network(config: AcceleratorConfig) -> str:
     if config.is_image:
         return config.name
     gru = f", reset {config.network.reset} the product" if config.network.cell == "gru" else ""
-    return network_label(config) + (", weights of every window" if config.sets > 1 else gru)
+    return network_name(Network.of(config)) + (", weights of every window" if config.sets > 1 else gru)
 
 
 def confusions(split: Split, class_names: Sequence[str]) -> list[Record]:
@@ -274,7 +266,7 @@ def _render(values: Record) -> str:
         test=run.test,
         warnings=run.warnings,
         ranges=values["training"].ranges,
-        short_network=network_label(config),
+        short_network=network_name(Network.of(config)),
         failed=[check for check in run.checks if not check.held],
     )
 

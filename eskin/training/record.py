@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field
 
-from eskin.golden.core import Record, Result
+from eskin.golden.core import AcceleratorConfig, Record, Result
 from eskin.golden.model.model import TRAINING_FILE
 
 
@@ -78,6 +78,15 @@ class Network(Result):
     robust: bool = False
     trees: int = 0
     depth: int = 0
+
+    @classmethod
+    def of(cls, config: AcceleratorConfig, recipe: str = "linear") -> Self:
+        """The network of a configuration."""
+        sizes: Record = (
+            {"trees": config.forest.trees, "depth": config.forest.depth} if config.is_forest else {}
+        )
+        hidden = config.network.hidden if config.recurrent else 0
+        return cls(cell=config.network.cell, hidden=hidden, recipe=recipe, **sizes)
 
 
 class NetworkRow(Network):

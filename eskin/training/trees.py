@@ -1,6 +1,7 @@
 """Forests of scikit-learn as the arrays of the cell ``trees`` (docs/specification.md, section 5)."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
@@ -9,46 +10,67 @@ from eskin.golden.core.config import VOTE_BITS, WIDEST_SCORE
 from eskin.golden.core.groups import MOST_NODES
 
 
-def forest_arrays(config: AcceleratorConfig, fitted: Any) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+@dataclass(frozen=True)
+class Trees:
+    """Nodes, parents before children: the rows of the ``roots``; of each node ``feature``, ``threshold``, ``children`` (two
+    rows, the left one up to the threshold; of a leaf its row) and ``shares`` of the classes (C)."""
+
+    roots: np.ndarray
+    feature: np.ndarray
+    threshold: np.ndarray
+    children: np.ndarray
+    shares: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: Any) -> Self:
+        """scikit-learn's ``RandomForestClassifier``, ``ExtraTreesClassifier`` or ``DecisionTreeClassifier``, fitted on
+        (touches, steps * inputs), inputs of window 0 first, and labels that are class indices."""
+        trees = [estimator.tree_ for estimator in getattr(fitted, "estimators_", [fitted])]
+        roots = np.cumsum([0, *(tree.node_count for tree in trees)])
+        every = lambda name: np.concatenate([getattr(tree, name) for tree in trees])
+        rows, child = (
+            np.arange(roots[-1]),
+            np.stack([every("children_left"), every("children_right")], axis=1),
+        )
+        within = np.repeat(roots[:-1], np.diff(roots))[:, None]
+        shares = np.zeros((len(rows), fitted.classes_[-1] + 1))
+        shares[:, fitted.classes_] = every("value")[:, 0]
+        children = np.where(child < 0, rows[:, None], child + within)
+        return cls(roots[:-1], every("feature"), every("threshold"), children, shares)
+
+
+def forest_arrays(config: AcceleratorConfig, trees: Trees) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
     """The configuration with the forest's sizes, and its arrays, real.
 
-    The roots come first, then each tree's other nodes in scikit-learn's order, parents before children. A leaf votes for its
-    most frequent class, by that class's share; a tree of one leaf compares, and votes the same on both sides.
+    The roots come first, then the other nodes in their order. A leaf votes for its most frequent class, by how far that is
+    above the mean of the others: of two classes the sums of votes decide as the sums of shares. A tree of one leaf compares, and
+    votes the same on both sides.
 
-    Parameters
-    ----------
-    fitted:
-        A ``RandomForestClassifier`` or ``ExtraTreesClassifier``, fitted on (touches, steps * inputs), inputs of window 0
-        first, and labels that are class indices.
+    Raises
+    ------
+    InputError
+        There are more trees, comparisons or levels than the accelerator takes.
     """
-    trees = [estimator.tree_ for estimator in fitted.estimators_]
-    inner = [np.flatnonzero(tree.children_left >= 0)[1:] for tree in trees]  # without the root
-    first = len(trees) + np.cumsum([0, *map(len, inner)])
-    nodes = int(first[-1])
-    if nodes > MOST_NODES:
-        raise InputError(
-            f"configuration '{config.name}', field nodes: is {nodes} in the fitted trees, above the limit of {MOST_NODES}; give "
-            "fewer trees or a smaller depth"
-        )
-    arrays: dict[str, Any] = {name: np.zeros(nodes) for name in ("tree_input", "threshold")}
-    arrays |= {name: np.zeros((nodes, 2)) for name in ("child", "vote")}
-    for number, (tree, others) in enumerate(zip(trees, inner, strict=True)):
-        places = dict(zip(others, range(first[number], nodes), strict=False)) | {0: number}
-        for node, place in places.items():
-            if tree.children_left[node] >= 0:
-                arrays["tree_input"][place], arrays["threshold"][place] = (
-                    tree.feature[node],
-                    tree.threshold[node],
-                )
-            for side, child in enumerate((tree.children_left[node], tree.children_right[node])):
-                shares = tree.value[max(child, 0), 0] / tree.value[max(child, 0), 0].sum()
-                ends = child not in places
-                arrays["child"][place, side] = (
-                    -1 - fitted.classes_[shares.argmax()] if ends else places[child]
-                )
-                arrays["vote"][place, side] = shares.max() if ends else 0.0
-    depth = max(1, *(tree.max_depth for tree in trees))
-    return config.replace(trees=len(trees), nodes=nodes, depth=depth), arrays
+    rows, level = np.arange(len(trees.feature)), np.zeros(len(trees.feature), dtype=int)
+    compares = trees.children[:, 0] != rows
+    for row in rows[compares]:
+        level[trees.children[row]] = np.maximum(level[trees.children[row]], level[row] + 1)
+    order = np.r_[trees.roots, np.setdiff1d(rows[compares], trees.roots)]
+    sizes = {"trees": len(trees.roots), "nodes": len(order), "depth": max(1, int(level.max()))}
+    try:
+        config = config.replace(**sizes)
+    except InputError as error:
+        raise InputError(f"{error}, so fit fewer trees or smaller ones (max_depth, max_leaf_nodes)") from None
+    children, place = trees.children[order], np.argsort(np.r_[order, np.setdiff1d(rows, order)])
+    ends, shares = ~compares[children], trees.shares[children]
+    most = shares.max(axis=-1) / shares.sum(axis=-1)
+    lead = most - (1 - most) / max(1, shares.shape[-1] - 1)
+    return config, {
+        "tree_input": np.where(compares, trees.feature, 0)[order],
+        "threshold": np.where(compares, trees.threshold, 0)[order],
+        "child": np.where(ends, -1 - shares.argmax(axis=-1), place[children]),
+        "vote": np.where(ends, lead, 0),
+    }
 
 
 def fit_forest(
@@ -76,14 +98,15 @@ def fit_forest(
         max_leaf_nodes=MOST_NODES // forest.trees + 1,
         random_state=seed % (1 << 32),
     )
-    return forest_arrays(config, fitted.fit(inputs, labels))
+    return forest_arrays(config, Trees.of(fitted.fit(inputs, labels)))
 
 
 def forest_codes(
     config: AcceleratorConfig, arrays: Arrays
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
     """Integers of trees, and the configuration with the format of their logits: the finest in which the votes have VOTE_BITS
-    bits. A threshold is rounded down, because a feature's code was rounded to the nearest."""
+    bits. A threshold is rounded down: a feature that is a code is not above the threshold's floor exactly if it is not above
+    the threshold. A threshold beyond all codes becomes the last one."""
     feature, largest = config.formats.feature_format, max(float(np.abs(arrays["vote"]).max()), 2.0**-8)
     frac = int(np.floor(np.log2(((1 << VOTE_BITS - 1) - 0.5) / largest)))
     threshold = np.floor(arrays["threshold"] * 2.0**feature.frac_bits)

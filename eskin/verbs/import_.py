@@ -16,7 +16,9 @@ from eskin.training.derive import derive_config
 
 
 class ImportRequest(Options):
-    file: Path = argument("A torch state_dict (.pt, .pth), or an .onnx file.")
+    file: Path = argument(
+        "A torch state_dict (.pt, .pth), or an .onnx file, also of a forest of scikit-learn."
+    )
     out: Path = required("Model folder: new, or an earlier model to replace.")
     config: str | None = option("Configuration of the training: a preset or a JSON file.")
     cell: Cell | None = option("Cell. Default: the .onnx file's, otherwise the configuration's.")

@@ -3,6 +3,7 @@ the integer model."""
 
 import json
 import os
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def torch_file(tmp_path: Path, cell: str = "GRU", *sizes: int, **arrays: torch.T
         (torch_file, ["LSTM"], "gru", "after", "has cell lstm, not gru; use --cell lstm"),
         (torch_file, ["RNN"], "gru", "after", r"weight_hh_l0: has shape \(10, 10\), neither \(3 x hidden"),
         (torch_file, [], None, None, "use --reset after"),  # the configuration speaks
-        (torch_file, [], "linear", None, "a linear cell, which is read from ONNX"),
+        (torch_file, [], "linear", None, "is to have cell linear, which is read from ONNX"),
     ],
 )
 def test_a_file_of_another_variant(tmp_path, file, arguments, cell, reset, match):
@@ -124,6 +125,8 @@ def test_code_in_a_file_is_never_run(tmp_path):
     for zipped in (True, False):
         torch.save(state | {"head.bias": Code(mark)}, file, _use_new_zipfile_serialization=zipped)
         not_imported(tmp_path, file, "holds pickled code, which is never run; save only the weights")
+    (tmp_path / "forest.joblib").write_bytes(pickle.dumps(Code(mark)))
+    not_imported(tmp_path, tmp_path / "forest.joblib", "a forest of scikit-learn with skl2onnx.to_onnx")
     torch.save(Network("GRU"), file)
     not_imported(tmp_path, file, "holds pickled code, which is never run; save only the weights")
     assert not mark.exists()

@@ -13,6 +13,8 @@ import onnxruntime
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+from sklearn.tree import DecisionTreeClassifier
 
 from eskin.data import load_recordings
 from eskin.exchange.exact_onnx import STEP_FILE, TOUCH_FILE, differences, expected
@@ -20,9 +22,12 @@ from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features, run
+from eskin.golden.model.forest import run_forest
+from eskin.training.trees import forest_codes
 from eskin.verbs.export import export_exact
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
+from tests.support.forests import forest_file
 from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
@@ -290,6 +295,156 @@ def test_layouts_of_a_converter_of_keras(kind, tmp_path):
     session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
     (logits,) = session.run(None, {"x": features.astype("f4")})
     assert np.abs(taken(file, tmp_path).forward(features)[1][:, -1] - logits).max() < 1e-5
+
+
+# ---------------------------------------------------------------------- forests
+LABELS = {2: ("press", "stroke"), 3: ("tap", "press", "stroke")}
+
+
+def grown(kind=RandomForestClassifier, classes=3, **options):
+    """Features (touches, K, D) that are codes, and a forest fitted on them with names as labels."""
+    rng, of_trees = np.random.default_rng(6), {} if kind is DecisionTreeClassifier else {"n_estimators": 8}
+    codes = rng.integers(-30, 30, (200, 5, 4))
+    sums = codes[:, 1, 0] + rng.normal(0, 2, 200)
+    labels = np.array(LABELS[classes])[np.digitize(sums, [0, 10][: classes - 1])]
+    features = codes / 2.0**CONFIG.formats.feature_format.frac_bits
+    return features, kind(**{"max_features": None} | of_trees | options, random_state=1).fit(
+        features.reshape(200, -1), labels
+    )
+
+
+@each_row("classes, options", [(2, {}), (3, {}), (2, {"max_depth": 3}), (2, {"min_samples_leaf": 9})])
+@each_row("kind", [RandomForestClassifier, ExtraTreesClassifier, DecisionTreeClassifier])
+def test_a_forest_decides_as_in_onnxruntime(kind, classes, options, tmp_path):
+    """Float and integer model, on features that are codes: leaves have one class or there are two."""
+    features, forest = grown(kind, classes, **options)
+    flat = features.reshape(200, -1).astype(np.float32)
+    file, shares = forest_file(forest, tmp_path / "net.onnx"), forest.predict_proba(flat)
+    np.savez(tmp_path / "reference.npz", inputs=flat, outputs=shares)
+    config = CONFIG.replace(class_names=LABELS[classes], logit_format=QFormat(6, 10))
+    record = import_network(
+        file, config, out=tmp_path / "made", mean=0.0, std=1.0, check=tmp_path / "reference.npz"
+    )
+    assert record["check"]["touches"] == 200 and record["check"]["difference"] < 1e-9
+    assert len(record["imported"]["notes"]) == 1
+    model = FloatModel.load(tmp_path / "made")
+    assert model.config.network.class_names == tuple(forest.classes_) == tuple(sorted(LABELS[classes]))
+    labels = onnxruntime.InferenceSession(file).run(["label"], {"X": flat})[0]
+    sized, integers = forest_codes(model.config, model.arrays)
+    codes = (features * 2**sized.formats.feature_format.frac_bits).astype(int)
+    margin = np.diff(np.sort(shares, axis=1)[:, -2:])[:, 0]
+    for logits, least in (
+        (model.forward(features)[1], 1e-6),
+        (run_forest(sized, integers, codes)[1], 2**-6 if options else 1e-6),  # votes have eight bits
+    ):
+        clear = margin > least
+        assert clear.sum() > 150
+        assert np.array_equal(forest.classes_[logits[clear, -1].argmax(axis=1)], labels[clear])
+
+
+def test_leaves_of_several_classes_are_told_and_a_reference_finds_them(tmp_path):
+    features, forest = grown(max_depth=3, max_features=1)
+    file = forest_file(forest, tmp_path / "net.onnx")
+    np.savez(
+        tmp_path / "reference.npz", inputs=features, outputs=forest.predict_proba(features.reshape(200, -1))
+    )
+    record = import_network(
+        file, CONFIG, out=tmp_path / "made", mean=0.0, std=1.0, check=tmp_path / "reference.npz"
+    )
+    assert not record["passed"] and record["check"]["difference"] > 1e-3 and not (tmp_path / "made").exists()
+    assert "% of random touches are decided as by the file" in record["imported"]["notes"][-1]
+    decided = taken(file, tmp_path).forward(features)[1][:, -1].argmax(axis=1)
+    assert 0.7 < (forest.classes_[decided] == forest.predict(features.reshape(200, -1))).mean() < 1
+
+
+def preceded(kind, domain, **attributes):
+    """A node between the input and the forest."""
+
+    def change(made):
+        made.graph.node[0].input[0] = "x"
+        made.graph.node.insert(0, helper.make_node(kind, ["X"], ["x"], kind, domain=domain, **attributes))
+
+    return change
+
+
+def mirrored(made):
+    made.graph.initializer.append(numpy_helper.from_array(np.arange(20)[::-1].copy(), "backwards"))
+    preceded("Gather", "", axis=1)(made)
+    made.graph.node[0].input.append("backwards")
+
+
+def twice(made):
+    made.graph.node.append(made.graph.node[0])
+    made.graph.node[-1].name, made.graph.node[-1].output[:] = "again", ["l", "s"]
+
+
+def changed(name, place, value):
+    def change(made):
+        (entry,) = (each for each in made.graph.node[0].attribute if each.name == name)
+        values = next(each for each in (entry.ints, entry.floats, entry.strings) if each)
+        values[place] = value
+
+    return change
+
+
+NO_FOREST = "Tree.*: does not add up shares of classes .*; convert one RandomForestClassifier, "
+
+
+@each_row(
+    "options, attributes, change, words",
+    [
+        ({}, {}, changed("nodes_modes", 0, b"BRANCH_LT"), "node 'trees' .*: has modes beside BRANCH_LEQ"),
+        ({}, {"post_transform": "LOGISTIC"}, None, NO_FOREST),
+        ({}, {"base_values": [0.1, 0.2, 0.3]}, None, NO_FOREST),
+        ({}, {}, changed("class_weights", 0, -0.1), NO_FOREST),
+        ({}, {}, changed("class_weights", 0, 0.9), NO_FOREST),
+        ({}, {}, mirrored, NO_FOREST),
+        ({}, {}, preceded("Scaler", "ai.onnx.ml", offset=[0.0], scale=[1.0]), "node 'Scaler' .* is not supported"),
+        ({}, {}, twice, NO_FOREST),
+        ({}, {}, changed("nodes_truenodeids", 0, 0), NO_FOREST),
+        ({}, {}, changed("nodes_truenodeids", 0, 5000), NO_FOREST),
+        ({}, {}, changed("nodes_nodeids", 1, 0), NO_FOREST),
+        ({}, {}, changed("nodes_featureids", 0, 20), NO_FOREST),
+        ({}, {}, changed("nodes_values", 0, np.inf), NO_FOREST),
+        ({}, {}, changed("class_ids", 0, -1), NO_FOREST),
+        ({}, {"nodes_values": [0.5]}, None, NO_FOREST),
+        ({}, {"nodes_treeids": None}, None, NO_FOREST),
+        ({}, {"nodes_modes": ["LEAF"]}, None, NO_FOREST),
+        ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[1], "dim_value", 0), NO_FOREST),
+        ({}, {}, lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[0], "dim_value", 1 << 40), NO_FOREST),
+        ({"n_estimators": 256, "max_depth": 1}, {}, None, r"field trees: is 256; it must lie in 1\.\.255, so fit fewer"),
+        ({"n_estimators": 255, "max_features": 1, "max_depth": 16}, {}, None, r"field nodes: is \d+; it must lie in 1\.\.8192, so"),
+        ({}, {"classlabels_strings": ["a"] * 200_000}, None, "is beyond any that the accelerator takes; fit fewer"),
+        ({}, {"classlabels_strings": ["a", "b", "c"]}, None, "has classes a, b, c and .* fit it with these as labels, or"),
+        ({}, {"classlabels_strings": None, "classlabels_int64s": [1, 2, 3]}, None, "has classes 1, 2, 3 and"),
+    ],
+)  # fmt: skip
+def test_a_forest_that_is_none_of_the_accelerator_is_refused(options, attributes, change, words, tmp_path):
+    file = forest_file(grown(**options)[1], tmp_path / "net.onnx", **attributes)
+    if change:
+        made = onnx.load_model(file)
+        change(made)
+        onnx.save(made, file)
+    with refused(words):
+        taken(file, tmp_path)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_forest_of_another_array_or_of_too_many_levels_is_refused_and_one_of_doubles_is_not(tmp_path):
+    file = forest_file(grown()[1], tmp_path / "net.onnx")
+    for other, inputs in (({"steps": 4}, 16), ({"taxels": 20}, 100)):
+        with refused(f"has 20 inputs and configuration .* asks for {inputs};"):
+            taken(file, tmp_path, CONFIG.replace(**other))
+    made = onnx.load(file)
+    made.graph.input[0].type.tensor_type.elem_type = TensorProto.DOUBLE
+    onnx.save(made, file)
+    assert taken(file, tmp_path).config.forest.trees == 8
+    levels = np.arange(40.0)[:, None]
+    ladder = DecisionTreeClassifier(max_leaf_nodes=40).fit(
+        np.repeat(levels, 20, axis=1), np.arange(40) % 3, sample_weight=1e6 ** -levels[:, 0].clip(0, 40)
+    )
+    with refused(r"field depth: is \d\d; it must lie in 1\.\.16, so fit fewer trees or smaller ones"):
+        taken(forest_file(ladder, file), tmp_path)
 
 
 # ---------------------------------------------------------------------- what the file shows, and a reference

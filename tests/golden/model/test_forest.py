@@ -5,7 +5,7 @@ from sklearn.ensemble import RandomForestClassifier
 
 from eskin.golden.model import FloatModel, IntegerModel, Stream, run
 from eskin.training.made_up import random_recordings
-from eskin.training.trees import forest_arrays
+from eskin.training.trees import Trees, forest_arrays
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row, refused
@@ -14,18 +14,19 @@ TREES = SMALL.replace(cell="trees", decision="last", steps=4, trees=5, nodes=40,
 
 
 def test_leaves_are_those_of_scikit_learn():
-    """Each touch ends in each tree's leaf that `apply` names: votes are the leaves' shares of their largest class."""
+    """Each touch ends in each tree's leaf that `apply` names: a vote is the share of its largest class above the mean
+    of the other two."""
     rng = np.random.default_rng(3)
     labels = rng.integers(0, 3, 200)
     features = rng.normal(0, 1, (200, 4, TREES.inputs)).astype(np.float32) + 0.4 * labels[:, None, None]
     flat = features.reshape(200, -1)
     fitted = RandomForestClassifier(5, max_depth=6, random_state=1).fit(flat, labels)
-    config, arrays = forest_arrays(TREES, fitted)
+    config, arrays = forest_arrays(TREES, Trees.of(fitted))
     model = FloatModel(config, arrays | {"mu": np.array(0.0), "sigma": np.array(1.0)})
     expected = np.zeros((200, 3))
     for tree in fitted.estimators_:
         shares = tree.tree_.value[tree.apply(flat), 0]
-        expected[np.arange(200), shares.argmax(axis=1)] += shares.max(axis=1)
+        expected[np.arange(200), shares.argmax(axis=1)] += 1.5 * shares.max(axis=1) - 0.5
     assert np.allclose(model.forward(features)[1][:, -1], expected) and config.forest.depth <= 6
 
 
