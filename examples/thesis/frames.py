@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
+from baselines import Scene
 
 from eskin.choose.first_touches import first_touches
 from eskin.golden.core import AcceleratorConfig
-from eskin.study.baselines import Scene
 
 
 def frames_of(scene: Scene, count: int) -> np.ndarray:

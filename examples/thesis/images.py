@@ -19,13 +19,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from baselines import Fitted, Method, Scene
 from frames import frames_of, shape_of
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from torch.utils.flop_counter import FlopCounterMode
 
-from eskin.study.baselines import Fitted, Method, Scene
 from eskin.training.losses import descend
 
 IMAGES, TILES = 12, 4

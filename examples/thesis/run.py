@@ -23,12 +23,12 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from baselines import Network, run
 from images import OVER_TIME, Transfer
 from tensor import TENSOR
 
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.study.baselines import Network, run
 from eskin.training.derive import derive_config, for_recordings
 from eskin.training.formats import with_network
 from eskin.training.recipe import Recipe, choose_recipe

@@ -22,12 +22,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from baselines import Fitted, Method, Scene
 from frames import frames_of, shape_of
 from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import StratifiedKFold
 from sklearn.svm import SVC
-
-from eskin.study.baselines import Fitted, Method, Scene
 
 STEPS = 20
 """Points in time of a tensor, means of equal parts of the touch."""

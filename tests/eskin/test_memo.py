@@ -11,7 +11,6 @@ import pytest
 from eskin import memo
 from eskin.golden.core import PRESETS, content_key
 from eskin.memo import Memo, code_version
-from eskin.study import baselines
 from eskin.training import train_images
 from eskin.verbs import cosim, enrol, stability_job
 from tests.support import result_case
@@ -58,7 +57,7 @@ def test_recordings_and_models_have_their_content():
     assert first == again != third
 
 
-WORKERS = {"training.train_images": train_images, "study.baselines": baselines, "verbs.cosim": cosim}
+WORKERS = {"training.train_images": train_images, "verbs.cosim": cosim}
 WORKERS |= {"verbs.stability_job": stability_job, "teach.enrol": enrol, "verbs.cost": enrol}
 
 

@@ -21,7 +21,7 @@ def thesis(monkeypatch):
     """Its module ``run``."""
     monkeypatch.syspath_prepend(str(ROOT / "examples/thesis"))
     yield importlib.import_module("run")
-    for name in ("run", "images", "tensor", "frames"):
+    for name in ("run", "images", "tensor", "frames", "baselines"):
         sys.modules.pop(name, None)
 
 

@@ -147,7 +147,9 @@ def play(
 
     async def monitor(ctx):
         async for _, _, *sampled in ctx.tick().sample(*valid, *codes):
-            for stage, high, bits, probe in zip(STAGES, sampled, sampled[len(STAGES) :], probes, strict=False):
+            for stage, high, bits, probe in zip(
+                STAGES, sampled, sampled[len(STAGES) :], probes, strict=False
+            ):
                 if high:
                     streams[stage].append(unpack(probe.value.shape(), bits))
 

@@ -1,4 +1,4 @@
-"""eskin/study/baselines.py: each method learns a task it can learn, is counted right, and sees nothing of a part
+"""examples/thesis/baselines.py: each method learns a task it can learn, is counted right, and sees nothing of a part
 that was left out."""
 
 from dataclasses import dataclass, replace
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import content_key
-from eskin.study import baselines
-from eskin.study.baselines import FLOAT_BYTES, Fitted, Method, Scene, method_row
 from eskin.training.splits import split_folds
+from examples.thesis import baselines
+from examples.thesis.baselines import FLOAT_BYTES, Fitted, Method, Scene, method_row
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
 

@@ -264,7 +264,7 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
 
 CACHE = Path("build/baseline_runs")
 """Finished runs by content, safe to delete."""
-CODE = partial(code_version, *LEARNING)
+CODE = partial(code_version, str(Path(__file__).resolve().parent), *LEARNING)
 RESULT = "baselines.json"
 
 
