@@ -107,14 +107,14 @@ def understand(
 
 
 def check_rate(tables: Sequence[Table], reading: Reading) -> None:
-    """Raise InputError where the first file of many tells that there is no rate, before the others are read."""
+    """Raise InputError where the first file of many tells no rate, before the others are read."""
     found = _Meaning(tables[:1], reading)
     try:
         found.part(of_one_file=False)
         found.taxels()
     except InputError:
         return  # all files together may be understood
-    if found.time is None and len(found.table.frame) > LEAST_STEPS:
+    if len(found.table.frame) > LEAST_STEPS:
         found.rate(None)
 
 
@@ -387,7 +387,7 @@ class _Meaning:
         rules = (
             (text and not table.frame[column].astype(bool).any(), "empty", ""),
             (runs and text and _GLUED.search(str(table.frame[column].iloc[0])), "refused", f"holds a number behind a text; {fix}"),
-            (TIME.match(name), "left out", "is time, too,"),
+            (TIME.match(name) or "header.stamp" in name, "left out", "is time, too,"),
             (known and level, "group", "describes a recording"),
             (known, "left out", "changes inside recordings, so is not a group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is not a taxel,"),

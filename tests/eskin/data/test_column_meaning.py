@@ -55,6 +55,11 @@ def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
         ({"clock": lambda r, k: k // 4}, {}, "column 'clock' increases like a time"),
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' increases like a time"),
         ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),
+        (
+            {".header.stamp.nsecs": lambda r, k: (k * 7**9) % 10**9},
+            {},
+            "column '.header.stamp.nsecs' is time, too,",
+        ),
         ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
         ({"": lambda r, k: FRAMES * r + k}, {}, "increases like a time or numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is the given one"),
