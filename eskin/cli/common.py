@@ -207,16 +207,17 @@ def say(sentence: str) -> None:
     console.print(escape(spelled(sentence)), soft_wrap=True)
 
 
-LONG_S = 60.0
-"""A choice of front ends that takes longer is followed by a long one of networks."""
+LONG_S, AT_MOST_S = 10.0, 600.0
+"""A choice of front ends that takes longer is followed by a long one of networks: by this and ten times as long at most."""
 
 
 def remaining(front_ends_s: float, folds: bool = True) -> str:
     """How long the networks will take after front ends that took ``front_ends_s``, and how to shorten that; empty where it is
-    short. They took 3.5 times as long with 576 recordings of 256 taxels, and about ten times with 1100 of 35."""
+    short. They took 3.5 times as long with 576 recordings of 256 taxels, about ten times with 1100 of 35, and 9 to 15 minutes
+    after 10 to 51 seconds with 168 to 518 recordings of 4 to 31 taxels."""
     if front_ends_s < LONG_S or not folds:
         return ""
-    least, most = (max(round(factor * front_ends_s / 60), 1) for factor in (3, 10))
+    least, most = max(round(3 * front_ends_s / 60), 1), round((AT_MOST_S + 10 * front_ends_s) / 60)
     return f"the networks and their folds take {least} to {most} minutes more; --stress off or a --cell shortens that"
 
 

@@ -17,13 +17,16 @@ def no_group(values: np.ndarray, labels: np.ndarray) -> str:
     """
     _, keys = np.unique(values, return_inverse=True)
     count, classes = int(keys.max(initial=0)) + 1, len(np.unique(labels))
-    in_one_class = classes > 1 and len(np.unique([keys, labels], axis=1).T) == count
+    pairs = len(np.unique([keys, labels], axis=1).T)
+    in_one_class = classes > 1 and pairs == count
     if in_one_class and count == classes:
         return "tells the class, too,"
     if count == len(values) > 1:
         return "has another value in each recording, so is not a group,"
     if in_one_class:
         return "has each of its values in one class alone, so is not a group,"
+    if count > 1 and pairs == classes:
+        return "has one value in each class, so is not a group,"
     return ""
 
 

@@ -1,6 +1,7 @@
 """The recordings that ``--data`` names, in any form: a reader per kind of file makes tables, and
 ``eskin.data.meaning`` turns these into recordings."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import NoReturn
 from eskin.data.archive import load_archive
 from eskin.data.arrays import ARRAYS, tables_of
 from eskin.data.logs import is_log, read_log
-from eskin.data.meaning import check_rate, understand
+from eskin.data.meaning import CLASS, check_rate, understand
 from eskin.data.parquet import is_lerobot, read_lerobot, read_parquet
 from eskin.data.table import DataFrame, Reading, Table, check_regular, table_of
 from eskin.data.text import read_text
@@ -170,8 +171,8 @@ def _files(folder: Path, levels: int = 8) -> list[Path]:
 def _folder(
     folder: Path, reading: Reading, config: AcceleratorConfig | None, progress: Progress | None
 ) -> Recordings:
-    """A folder with a sub-folder a class: a file below is a recording, or parts itself into some; the levels
-    between are groups.
+    """A folder with a sub-folder a class, or with files whose names begin with it: a file is a recording, or parts itself
+    into some; the levels between are groups.
 
     Raises
     ------
@@ -189,14 +190,16 @@ def _folder(
 
     files = _files(folder)
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
-    if not class_folders:
-        refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
     if len(class_folders) > MOST_CLASSES and reading.label is None:
         refuse(
             folder,
             f"has {len(class_folders)} sub-folders, one per class; a classifier has 2 to {MOST_CLASSES}",
         )
-    members = [file for file in files if file.parent != folder and _kind(file)]
+    members = [file for file in files if _kind(file) and not (class_folders and file.parent == folder)]
+    if not members:
+        refuse(folder, f"has no file of recordings (it holds {found(files)})")
+    begun = [re.split(r"[\W_]+[A-Za-z]?\d|\d", file.name)[0] for file in members]
+    by_name = not class_folders and 1 < len({*begun}) <= MOST_CLASSES and min(Counter(begun).values()) > 1
     holding = {file.relative_to(folder).parts[0] for file in members}
     for each in class_folders:
         if each.name not in holding:
@@ -204,10 +207,12 @@ def _folder(
     if len(set(map(_kind, members))) > 1:
         refuse(folder, f"holds files of several kinds ({found(members)}); leave one kind in it")
     tables = []
-    for done, file in enumerate(members):
+    for done, (file, name) in enumerate(zip(members, begun, strict=True)):
         if progress is not None:
             progress("files read", done, len(members))
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
+        by_name &= {*CLASS}.isdisjoint(map(str.lower, tables_of_file[0].names))
+        parts = (name, *parts) if by_name else parts
         for table in tables_of_file:
             inner = table.path if len(tables_of_file) > 1 else ()
             tables.append(replace(table, path=(*parts, *inner)))
@@ -215,4 +220,5 @@ def _folder(
             check_rate(tables, reading)
     left = len(files) - len(members)
     notes = [f"{left} files that are not recordings were left out"] if left else []
+    notes += ["the text before the number in a file's name is its folder, since it is in none"] * by_name
     return understand(tables, reading, config, str(folder), notes=notes)

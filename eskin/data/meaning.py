@@ -107,14 +107,14 @@ def understand(
 
 
 def check_rate(tables: Sequence[Table], reading: Reading) -> None:
-    """Raise InputError where the first file of many tells that there is no rate, before the others are read."""
+    """Raise InputError where the first file of many tells no rate, before the others are read."""
     found = _Meaning(tables[:1], reading)
     try:
         found.part(of_one_file=False)
         found.taxels()
     except InputError:
         return  # all files together may be understood
-    if found.time is None and len(found.table.frame) > LEAST_STEPS:
+    if len(found.table.frame) > LEAST_STEPS:
         found.rate(None)
 
 
@@ -124,7 +124,7 @@ class _Meaning:
     chosen: the columns of --columns. time: the column of the clock. taken: the columns that say recording and
     class. starts: the first row of each recording. labels: the class of each. groups: what recordings have in
     common. series: how many names differ only by their numbers. rates: frames a second that columns and attributes
-    say, and what says them.
+    say, and what says them. level: of the paths, the first that is not the class.
     """
 
     def __init__(self, tables: Sequence[Table], reading: Reading) -> None:
@@ -137,7 +137,7 @@ class _Meaning:
         self.paths = [table.path for table in tables]
         every = [table.attributes for table in tables]
         self.attributes = [name for name in every[0] if all(name in each for each in every)]
-        self.on_path = all(len(path) > 1 for path in self.paths)
+        self.on_path, self.level = all(len(path) > 1 for path in self.paths), 1
         self.series = Counter(re.sub(r"\d+", "#", name.lower()) for name in self.table.names)
         self.chosen = self._chosen()
         self.time = self._clock()
@@ -230,10 +230,7 @@ class _Meaning:
         named = [each for each in self._named(_RECORDING) if each != label]
         named = named[:1] if wanted is None else [table.find(wanted, "--recording")]
         breaks = [] if named else self._breaks()
-        if not named and not breaks and isinstance(label, int) and len(self.tables) == 1:
-            why = f"has no column that names the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
-            table.refuse(f"{why}; give its name, or its number from 1, with --recording", 0)
-        self.used = [each for each in (*named, label) if isinstance(each, int)]
+        self.used = [each for each in dict.fromkeys((*named, label)) if isinstance(each, int)]
         changes = [row for column in named for row in self._changes(column).tolist()]
         self.starts = np.array(sorted({*table.firsts, *breaks, *changes}))
         for column in self.used:
@@ -242,10 +239,11 @@ class _Meaning:
             self.notes.append(
                 f"{len(breaks)} recordings begin after a blank line or a new header inside a file"
             )
-        if named:
+        if named and named[0] != label:
             self.groups[wanted or "recording"] = self.fact(named[0])
         if label is None:
             return self._levels(of_one_file)
+        self.level = 0
         self.labels = self.fact(label).astype(str)
         if isinstance(label, str):
             return f"attribute {label} is the class"
@@ -304,9 +302,9 @@ class _Meaning:
         for name in self.attributes:
             if name not in (*UNIT, self.reading.label, *CLASS[:2]) and not RATE.fullmatch(name):
                 self._group(name, self.fact(name), f"attribute {name}")
-        if not self.on_path:
+        if not all(self.paths):
             return
-        paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in self.paths]
+        paths = [(*path[self.level : -1], re.sub(r"\.\w+$", "", path[-1])) for path in self.paths]
         tag = re.compile(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])")
         tags = [dict(tag.findall("_".join(path))) for path in paths]
         words = [word for word in tags[0] if all(word in each for each in tags)]
@@ -352,7 +350,7 @@ class _Meaning:
             table.refuse(
                 "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
             )
-        if "recording" in self.groups or self.reading.recording is not None:
+        if {"recording", self.reading.recording} & {*self.groups}:
             columns = [*self.used, *self._named(_GROUPS)]
             cells = table.frame[columns].iloc[self.starts].assign(source=self.sources)
             again = cells.duplicated().to_numpy()
@@ -389,7 +387,7 @@ class _Meaning:
         rules = (
             (text and not table.frame[column].astype(bool).any(), "empty", ""),
             (runs and text and _GLUED.search(str(table.frame[column].iloc[0])), "refused", f"holds a number behind a text; {fix}"),
-            (TIME.match(name), "left out", "is time, too,"),
+            (TIME.match(name) or "header.stamp" in name, "left out", "is time, too,"),
             (known and level, "group", "describes a recording"),
             (known, "left out", "changes inside recordings, so is not a group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is not a taxel,"),
@@ -412,9 +410,10 @@ class _Meaning:
         table = self.table
         table.check_filled(column)
         for row in self._inside(column).tolist():
-            where = f"recording {table.frame[self.used[0]].iloc[row]}" if self.used else "a file"
-            why = f"{table.called(column)} {what} and changes inside {where}; name what a recording is with --recording"
-            table.refuse(f"{why}, or the taxels with --columns", row)
+            why = f"{table.called(column)} {what} and changes inside a recording; name what one is with --recording"
+            table.refuse(
+                f"{why} (the class, where each of its runs is one), or the taxels with --columns", row
+            )
 
     # ------------------------------------------------------------------ rates
     def _called(self, recording: int) -> str:
@@ -437,7 +436,7 @@ class _Meaning:
             if wrong.any():
                 row = int(np.argmax(wrong)) + 1
                 why = "does not go up" if steps[row - 1] <= 0 else "jumps"
-                how = f"from {part[row - 1]:g} to {part[row]:g} where others go by {middle:g}"
+                how = f"from {part[row - 1]:g} to {part[row]:g} where others go by {middle:g} ({steps.mean():.3g} on average)"
                 table.refuse(
                     f"{called} {why}, {how}; split the recording there, or give {instead}", first + row
                 )

@@ -273,6 +273,10 @@ class _File:
         if len(rest) < 2 or _numeric(rest[0]) or not _numeric(rest[1]) or len(rest[0]) != len(first):
             return tuple(first), ()
         self.rows.pop(0)
+        if all(rest[0]) and "" in first:  # names above names: one holds up to the next
+            for column in range(1, len(first)):
+                first[column] = first[column] or first[column - 1]
+            return tuple(" ".join(pair).strip() for pair in zip(first, rest[0], strict=True)), ()
         return tuple(first), tuple(rest[0])
 
     def decimal_comma(self) -> bool:

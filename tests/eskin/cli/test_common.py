@@ -108,5 +108,5 @@ def test_a_field_becomes_the_option_that_sets_it():
 
 
 def test_a_long_choice_is_foretold():
-    assert not remaining(59) and not remaining(100, folds=False)
-    assert "take 5 to 17 minutes more" in remaining(100)
+    assert not remaining(9) and not remaining(100, folds=False)
+    assert "take 5 to 27 minutes more" in remaining(100)

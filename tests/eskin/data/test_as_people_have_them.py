@@ -72,12 +72,20 @@ def test_classes_are_matched_by_name():
         ("time (s),a [N],b [N],c [N]", "N", 0.5),
         ("time,a,b,c\ns,N,N,V", "N, N, V", 0.5),
         ("time (s),a [N],b,c [V]", "", 0.5),
+        (",left,,right\ntime (s),a [N],b [N],a [N]", "N", 0.5),
     ],
 )
 def test_units_of_a_header(tmp_path, header, unit, rate):
     text = lambda index: "\n".join([header, *(f"{2 * k},{row}" for k, row in enumerate(rows(index)))])
     recordings = texts(tmp_path, text)
     assert recordings.unit == unit and recordings.sample_rate_hz == rate and recordings.taxels == 3
+
+
+def test_names_above_names_are_joined(tmp_path):
+    text = lambda index: "\n".join([",left,", "x,x,y", *rows(index)])
+    recordings = texts(tmp_path, text, dataclasses.replace(AT, columns=("left x", "left y")))
+    assert np.array_equal(recordings.recording(1), CODES[2][:, 1:])
+    assert "columns left x, left y are the 2 taxels" in recordings.notes[0]
 
 
 @each_row("end", ["512,40", "512", '"51'])
@@ -134,3 +142,40 @@ def test_a_data_card(tmp_path, monkeypatch, call):
         assert line in card.splitlines()
     status, _, err = call("inspect", "mine.npz", "--card")
     assert status == 2 and "README.md: exists already" in err
+
+
+@each_row(
+    "names, header, classes",
+    [
+        ("soft_ball soft_cup", "a,b,c,d", ["soft_ball", "soft_cup"] * 3),
+        ("anna bert", "a,b,c,label", ["0", "0", "1", "1", "2", "2"]),
+        ("x x", "a,b,c,label", ["0", "0", "1", "1", "2", "2"]),
+        ("x x", "a,b,c,d", None),
+    ],
+)
+def test_files_in_no_folder_begin_with_their_class(tmp_path, names, header, classes):
+    for number in range(6):
+        name = f"{names.split()[number % 2]}_p{number // 3}-{number}.csv"
+        text = "\n".join([header, *(f"{row},{number // 2}" for row in rows(number))])
+        (tmp_path / name).write_text(text)
+    if classes is None:
+        with refused("has no column or attribute that names the class"):
+            load_recordings(tmp_path, reading=AT)
+        return
+    recordings = load_recordings(tmp_path, reading=AT)
+    order = np.argsort([int(file[-5]) for file in recordings.groups["source_file"]])
+    assert [recordings.class_names[recordings.labels[place]] for place in order] == classes
+    assert recordings.groups["person"][order].tolist() == [0, 0, 0, 1, 1, 1]
+
+
+def test_runs_of_a_class_are_recordings_below_folders_of_sessions(tmp_path):
+    for session in ("s1", "s2"):
+        path = tmp_path / session / "all.csv"
+        path.parent.mkdir()
+        path.write_text("\n".join(f"{row},{'01020'[run]}" for run in range(5) for row in rows(run)))
+    with refused("changes inside a recording; .* --recording .the class, where each of its runs is one"):
+        load_recordings(tmp_path, reading=dataclasses.replace(AT, label="4"))
+    recordings = load_recordings(tmp_path, reading=dataclasses.replace(AT, label="4", recording="4"))
+    assert recordings.lengths.tolist() == [20] * 10 and recordings.labels.tolist() == [0, 1, 0, 2, 0] * 2
+    assert {*recordings.groups} == {"session", "source_file"}
+    assert recordings.groups["session"].tolist() == [1] * 5 + [2] * 5

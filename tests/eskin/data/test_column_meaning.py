@@ -55,6 +55,11 @@ def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
         ({"clock": lambda r, k: k // 4}, {}, "column 'clock' increases like a time"),
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' increases like a time"),
         ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),
+        (
+            {".header.stamp.nsecs": lambda r, k: (k * 7**9) % 10**9},
+            {},
+            "column '.header.stamp.nsecs' is time, too,",
+        ),
         ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
         ({"": lambda r, k: FRAMES * r + k}, {}, "increases like a time or numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is the given one"),
@@ -86,7 +91,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
     "text, reading, sentence",
     [
         (table(speed=lambda r, k: 0.1 * k), AT, "line 3: column 'speed' is a group and changes inside "
-                                                "recording r0; name what a recording"),
+                                                "a recording; name what one is"),
         (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds nan, which is not a value"),
         (table(labels=["a", ""]), AT, "line 32: column 'class' holds an empty cell"),
         (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is not a number"),
@@ -98,7 +103,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
                                                                                           "1 to 1e+308"),
         ("\n".join(["recording;class;a;b", *(f"{r};{'ab'[r % 2]};1,65{k};2,00{k}" for r in (0, 1) for k in range(9))]), AT,
          "line 2: '1,650' may have a decimal comma or separators of thousands"),
-        (table().replace("r1,b", "r0,b"), AT, "line 32: column 'class' is the class and changes inside recording r0"),
+        (table().replace("r1,b", "r0,b"), AT, "line 32: column 'class' is the class and changes inside a recording"),
         ("0,1,2\n5,7,6", AT, "line 1: numbers the columns or is a frame; name the columns in it"),
     ],
 )  # fmt: skip

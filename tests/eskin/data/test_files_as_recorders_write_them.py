@@ -324,6 +324,7 @@ def test_an_array_of_structs(tmp_path):
 def test_what_is_no_group_is_not_left_out(values, why):
     labels = np.array([0, 0, 1, 1])
     assert no_group(np.array(values), labels) == why
+    assert "one value in each class" in no_group(np.array([5, 5, 7, 7, 7, 5]), np.array([0, 1, 2, 2, 2, 0]))
     made = Recordings.of(SIGNALS, labels, sample_rate_hz=100, groups={"hand": values})
     if why:
         with refused(f"array hand {why.rstrip(',')}.* `group`"):

@@ -280,7 +280,7 @@ def test_names_become_groups(tmp_path):
 
 
 def test_folders_that_are_no_data_set_are_refused(tmp_path):
-    with refused("has no sub-folder"):
+    with refused("has no file of recordings"):
         load_recordings(tmp_path)
     root = folder_of(tmp_path, text_of())
     (root / "slide").mkdir()
