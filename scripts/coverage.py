@@ -29,12 +29,10 @@ STYLE = ROOT / "eskin" / "pages" / "templates" / "style.css"
 CONVERTERS = "mcp3208x2", "ad7476", "spi", "ddc232", "matrix", "mpr121, 13 x 9"
 """Those that the quick tests do not play."""
 PINS = [f"tests/cosim/test_converters.py::test_exact_from_the_pins[{name}]" for name in CONVERTERS]
+PACES = "dsp", "dsp, stalls", "dsp, declared"
+IMAGES = [f"tests/cosim/test_image_cosim.py::test_every_map_is_exact[{pace}]" for pace in PACES]
 DESIGNS = [f"tests/test_random_designs.py::test_a_drawn_design_is_exact[{part}]" for part in (0, 1)]
 """A round of designs that begin with missing bins."""
-IMAGES = [
-    f"tests/cosim/test_image_cosim.py::test_every_map_is_exact[{name}]"
-    for name in ("dsp", "dsp, stalls", "dsp, declared")
-]
 ROUNDS = ["--dist", "worksteal"], ["-m", "slow", "tests/rtl/top/test_system_bus.py", *PINS, *IMAGES]
 """What pytest runs once, before DESIGNS."""
 SHOWN = 8

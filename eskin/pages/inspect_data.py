@@ -16,8 +16,8 @@ from eskin.pages.charts import STYLE
 from eskin.training.derive import derive_config, find_onsets
 
 HELD_SHARE, HELD_SPAN = 0.05, 16
-"""Share of a taxel's samples at an end of its range from which it is called saturated, and the least differences of its
-codes that the range must span: a quiet sensor of few codes is at its ends all the time."""
+"""Share of a taxel's samples at an end of its range from which it is called saturated, and steps (the least difference of
+its codes) that the range must have: a quiet sensor of few codes is at its ends all the time."""
 LISTED, PICTURED = 10, 6
 """Highest numbers of recordings that are listed, and drawn."""
 CLASSES_SHOWN = 32
@@ -82,9 +82,9 @@ def _of_recordings(recordings: Recordings) -> Record:
         onsets = [config.sensor.source_frame(frame) for frame in find_onsets(config, recordings).tolist()]
     lengths, samples = recordings.lengths, recordings.samples
     each = (samples.min(axis=0), samples.max(axis=0), samples.std(axis=0), held_shares(recordings))
-    unlike = [np.unique(column) for column in samples[:: 1 + len(samples) // 100_000].T]
-    spans = [codes[-1] - codes[0] and (codes[-1] - codes[0]) / np.diff(codes).min() for codes in unlike]
-    taxels = zip(*(figures.tolist() for figures in each), spans, strict=True)
+    part = samples[:: 1 + len(samples) // 100_000]
+    steps = [np.diff(np.unique(column)).min(initial=1 << 16) for column in part.T]
+    taxels = zip(*(figures.tolist() for figures in each), steps, strict=True)
     return {
         "frames": recordings.frames,
         "taxels": recordings.taxels,
@@ -103,9 +103,9 @@ def _of_recordings(recordings: Recordings) -> Record:
                 "max": high,
                 "deviation": deviation,
                 "held": held,
-                "state": _state(high - low, held, span),
+                "state": _state(high - low, held, step),
             }
-            for low, high, deviation, held, span in taxels
+            for low, high, deviation, held, step in taxels
         ],
         "configuration": {
             "name": config.name if config else None,
@@ -127,10 +127,10 @@ def held_shares(recordings: Recordings) -> np.ndarray:
     return shares
 
 
-def _state(range_: int, held: float, span: float) -> str:
-    if range_ == 0:
+def _state(span: int, held: float, step: float) -> str:
+    if span == 0:
         return "constant"
-    return "saturated" if span >= HELD_SPAN and held >= HELD_SHARE else "ok"
+    return "saturated" if span >= HELD_SPAN * step and held >= HELD_SHARE else "ok"
 
 
 def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:

@@ -160,16 +160,15 @@ def refuse_rate_not_held(folder: Path) -> None:
         Training has judged it, and its figure is further below the bound.
     """
     for split in training_of(folder).cross_validation[:1]:
-        row = split.nested.disturbed.oscillator if split.nested else None
-        if not split.nested or not row or row.held:
-            continue
+        if not (nested := split.nested) or not (row := nested.disturbed.oscillator) or row.held:
+            return
         found = (
             f"the part's own oscillator is off by up to {100 * standby.TOLERANCE:g} %, and '{folder}' decides "
             f"{100 * row.figure:.1f} % of unseen recordings with {row.mode} where {100 * row.bound:.1f} % are asked"
         )
-        if row.figure + split.nested.standard_error >= row.bound:
-            warn(f"warning: {found}; that is less than a standard error below")
-            continue
+        if row.figure + nested.standard_error >= row.bound:
+            warn(f"warning: {found}; it is below that by less than a standard error")
+            return
         raise InputError(
             f"`standalone`: {found}; train with --stress FILE, in which '{row.mode}' weighs more, or use a board with a clock"
         )

@@ -1,6 +1,7 @@
 """examples/thesis/baselines.py: each method learns a task it can learn, is counted right, and sees nothing of a part
 that was left out."""
 
+import ast
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from examples.thesis import baselines
 from examples.thesis.baselines import FLOAT_BYTES, Fitted, Method, Scene, method_row
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
+from tests.test_imports import beyond, imports_of, modules
 
 
 class Nearest(Method):
@@ -70,3 +72,10 @@ def test_a_row_weighs_recordings_and_spreads_over_folds_and_seeds():
     assert row["standard_error"] == pytest.approx(np.sqrt(right.mean() * (1 - right.mean()) / 52))
     assert (row["seeds"], row["split"], row["multiplies"], row["hardware"]) == (2, "person", 7, True)
     assert row["bytes"] == FLOAT_BYTES * row["parameters"]
+
+
+def test_the_code_of_a_key_is_all_that_makes_the_row():
+    own, *code = baselines.CODE.args
+    known, tree = {*modules()}, ast.parse(Path(own, "baselines.py").read_text())
+    outside = [beyond(worker, tuple(code)) for worker in imports_of(tree, known) & known]
+    assert outside and not any(outside)
