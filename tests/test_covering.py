@@ -51,9 +51,7 @@ def test_every_bin_of_a_configuration_is_exact(part, tmp_path):
             lengths += [rest + frames for frames in range(4, 9)]
         pace = wish.get("pace", ("full", "stalls")[number % 2])
         size = touch * config.inputs * config.sensor.scan_every * config.network.hidden
-        if size > 4000:  # what takes long
-            lengths = [touch + config.onset_rule.onset_mean_frames]
-        elif pace == "declared":
+        if size > 4000 or pace == "declared":  # what takes long
             lengths = [touch + rearm, rest + 2]
         data, _ = decided_recordings(model, lengths)
         period = lowest_clock_hz(config) / config.sensor.sample_rate_hz * (pace == "declared")

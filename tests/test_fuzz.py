@@ -79,7 +79,7 @@ def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
 
 
 @pytest.mark.timeout(0 if LONG else 600)
-@examples(3, 200)
+@examples(2, 200)
 @given(seed=st.integers(0, 10**6))
 def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed):
     """Rubbish, then a good host; and harmless traffic in the middle of a recording."""
@@ -162,7 +162,7 @@ def bounded_memory():
 
 @pytest.mark.timeout(0 if LONG else 180)
 @pytest.mark.parametrize("call", CALLS)
-@examples(30, 1000)
+@examples(15, 1000)
 @given(odd=ODD)
 @example(odd=[None, []])  # found by make fuzz: rows of several lengths have no size
 def test_an_odd_argument_from_python_is_refused_in_a_sentence(corpus, bounded_memory, call, odd):

@@ -244,7 +244,13 @@ FAULTS = {
 """Name -> file, its text (a pattern), another text, options, what the bench then says."""
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+ALIKE = ("two taxels change places", "a value is not told", "a frame of each block is lost", "an unknown ID")
+"""Faults that are found where others are."""
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(fault, marks=[pytest.mark.slow] * (fault in ALIKE)) for fault in FAULTS]
+)
 def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
     file, old, new, options, expected = FAULTS[fault]
     broken, options = shutil.copytree(design, tmp_path / "broken"), options | ICARUS | {"waves": False}
@@ -301,7 +307,7 @@ SEEDS = {
     "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 3)) for k, seed in enumerate([None, *SEEDS])]
 )
 def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
-    """Under cocotb, and of the first and the last ones in bulk, too."""
+    """Under cocotb, and of the first and the last one in bulk, too."""
     source, (old, new) = inspect.getsource(control), SEEDS.get(seed, ("", ""))
     assert old in source
     names = dict(vars(control))
@@ -312,7 +318,7 @@ def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
     design = generate(model.config, model.arrays, tmp_path / "design")
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings)
     ways = {"icarus": ICARUS, "bulk": {"simulator": "verilator", "cocotb": ()}}
-    for way in ways if seed in (None, "CHECKSUM always", "TOUCHES constant") else ("icarus",):
+    for way in ways if seed in ("CHECKSUM always", "TOUCHES constant") else ("icarus",):
         how = Simulation(builds=tmp_path / "builds", waves=False, **ways[way])
         result = flow.cosim(design, vectors, how, work=tmp_path / way)
         assert result.passed == (seed is None), result.mismatch_list
@@ -369,7 +375,7 @@ def test_a_build_is_kept_a_changed_source_is_another_and_a_failing_one_shows_its
         build(4)
 
 
-@pytest.mark.parametrize("simulator", ["verilator", "icarus"])
+@pytest.mark.parametrize("simulator", ["icarus", pytest.param("verilator", marks=pytest.mark.slow)])
 def test_folders_may_have_any_name(design, play, tmp_path, simulator, monkeypatch):
     """Make takes no blank."""
     odd = tmp_path / "it's my (own) $data"
@@ -422,7 +428,7 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
     monkeypatch.setenv("PYTHONOPTIMIZE", "1")  # without asserts
     done = make(folder, simulator, "WHEEL=1")
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout
-    for stage in ("sum", "state", "decision"):
+    for stage in ("state", "decision"):
         (folder / "vectors.npz").write_bytes(before)
         sentence = flip(folder, stage, 1)
         done = make(folder, simulator, "WHEEL=1")

@@ -45,7 +45,7 @@ def test_registers_without_their_reset_are_seen(tmp_path):
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("count", [12, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [6, pytest.param(1000, marks=pytest.mark.slow)])
 def test_bit_exact_after_resets(tmp_path, count):
     found = judge(resets(small_case(), count, 3), small_case(), tmp_path, BUILDS)
     assert found == {number: [] for number in range(count)}

@@ -111,7 +111,10 @@ def together(wishes: list[dict[str, Any]]) -> list[dict[str, Any]]:
             fits = fits and not (joint and (both.get("cell") == "image" or refusal(tuple(both.items()))))
             if fits and joint:
                 config = build(both)
-                cycles = config.last_frame * config.sensor.taxels
+                sensor, beats = config.sensor, config.inputs
+                if both.get("pace") == "declared":
+                    beats = lowest_clock_hz(config) / sensor.sample_rate_hz
+                cycles = config.last_frame * sensor.scan_every * beats
                 fits = cycles + config.windows.steps * config.step_ideal < MOST_CYCLES
             if fits:
                 joint = both

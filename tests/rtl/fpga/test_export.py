@@ -18,7 +18,7 @@ def test_a_converter_changes_no_text_of_the_chain(tmp_path):
     """Nothing of the interface is built without one, whatever its other fields are."""
     fields = with_converter("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=2e6)
     model = random_integer_model(SMALL.replace(**fields), 1)
-    converters = ("ads7953", "none", dict(name="none", hz=1e6, code_shift=3))
+    converters = ("ads7953", dict(name="none", hz=1e6, code_shift=3))
     folders = [
         generate(model.config.replace(converter=converter), model.arrays, tmp_path / str(number))
         for number, converter in enumerate(converters)
