@@ -146,11 +146,12 @@ class RidgeLearner:
             if not len(train):
                 continue
             within, across = self.gram[np.ix_(train, train)], self.gram[np.ix_(rest, train)]
-            for row, penalty in enumerate(PENALTIES):
-                penalised = within + penalty * unit * np.eye(len(train))
-                weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
-                turn, bias = discriminants(within @ weights, targets[train])
-                decided[number, row, recordings[left_out]] = (across @ weights @ turn + bias).argmax(axis=1)
+            penalised = within + unit * np.reshape(PENALTIES, (-1, 1, 1)) * np.eye(len(train))
+            weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
+            turn, bias = discriminants(within @ weights, targets[train])
+            decided[number][:, recordings[left_out]] = (across @ weights @ turn + bias[:, None]).argmax(
+                axis=2
+            )
         right = (decided == self.labels).sum(axis=2)
         best = (right.sum(axis=0) - right).argmax(axis=1)
         return [KnownDecider(decided[number, row]) for number, row in enumerate(best)]
