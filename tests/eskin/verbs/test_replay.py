@@ -200,11 +200,16 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
 CLOCKS_PER_BIT = 4
 
 
-def board_of(model: IntegerModel) -> PinPort:
-    """The pins of a simulated board that was just switched on."""
+def board_of(model: IntegerModel) -> device.Design:
+    """The board of a model, to be simulated."""
     config, clock_hz = model.config, model.config.hardware.clock_hz
     board = text_of(System(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
-    simulated = device.Device(device.Design(board, Path("build/simulators"), top="board_top"))
+    return device.Design(board, Path("build/simulators"), top="board_top")
+
+
+def switched_on(board: device.Design) -> PinPort:
+    """Its pins."""
+    simulated = device.Device(board)
     simulated.put("rx", 1)
     simulated.reset()
     return PinPort(simulated, CLOCKS_PER_BIT)
@@ -213,8 +218,8 @@ def board_of(model: IntegerModel) -> PinPort:
 def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
     model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
-
-    monkeypatch.setattr(verb, "SerialPort", lambda port, baud: board_of(model))
+    board = board_of(model)
+    monkeypatch.setattr(verb, "SerialPort", lambda port, baud: switched_on(board))
     monkeypatch.setattr(verb, "answer_s", lambda config, baud: TIMEOUT_BYTES)
 
     def replayed(**options: Any) -> dict:
