@@ -140,8 +140,9 @@ class RidgeLearner:
         unit = float(np.trace(self.gram)) / max(len(labels), 1)
         decided = np.full((len(parts), len(PENALTIES), count), -1)
         for number, part in enumerate(parts):
-            train = np.flatnonzero(np.isin(self.owner, part))
-            left_out = ~np.isin(recordings, part)
+            known = np.zeros(count, dtype=bool)
+            known[part] = True
+            train, left_out = np.flatnonzero(known[self.owner]), ~known[recordings]
             rest = touch[left_out]
             if not len(train):
                 continue
