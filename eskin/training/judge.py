@@ -193,15 +193,14 @@ class Decisions:
         keys = np.repeat([(fold.split, fold.number, fold.seed) for fold, _ in fitted], counts, axis=0)
         recording = np.concatenate([fold.test for fold, _ in fitted])
         label = labels[recording]
-        real = np.concatenate([each.real for each in decided])
-        integer = np.concatenate([each.integer for each in decided])
-        columns = {
-            **dict(zip(KEYS, keys.T, strict=True)),
+        names = "real", "integer", "step"
+        real, integer, step = (np.concatenate([getattr(each, name) for each in decided]) for name in names)
+        columns = dict(zip(KEYS, keys.T, strict=True)) | {
             "recording": recording,
             "label": label,
             "float": real,
             "integer": integer,
-            "step": np.concatenate([each.step for each in decided]),
+            "step": step,
             "float_accuracy": real == label,
             "integer_accuracy": integer == label,
             "agreement": real == integer,
