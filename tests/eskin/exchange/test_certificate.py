@@ -44,7 +44,7 @@ def export(model: IntegerModel, folder: Path) -> None:
 
 
 def known_files(folder: Path) -> list[Path]:
-    """Those of `export`."""
+    """The files that `export` wrote."""
     known = (".onnx", "_model.h", "_model.c", "build.json", "config.json")
     board = folder / "board" / "config.json"
     return [path for path in sorted(folder.rglob("*")) if path.name.endswith(known) and path != board]
