@@ -277,9 +277,21 @@ def only_make(block: Block) -> bool:
     return all(line.startswith("make") for line in block.text.splitlines())
 
 
-def test_quick_commands_run(folder):
+def test_quick_commands_run(folder, call, monkeypatch):
+    """In this process, where they are eskin's own."""
+    monkeypatch.chdir(folder)
     chosen = [block for block in blocks() if runnable(block) and (block.mark == "quick" or only_make(block))]
-    assert len(chosen) >= 5 and [failure for block in chosen if (failure := run(block, folder))] == []
+    assert len(chosen) >= 5
+    for block in chosen:
+        if block.language == "python":
+            exec(block.text, {})
+        elif only_make(block):
+            assert run(block, folder) == ""
+        else:
+            for line in block.text.splitlines():
+                program, *words = shlex.split(line, comments=True)
+                status, out, err = call(*words)
+                assert program == ".venv/bin/eskin" and status == 0, (block, line, out, err)
     assert (folder / "mine.npz").exists()
 
 

@@ -140,17 +140,19 @@ class RidgeLearner:
         unit = float(np.trace(self.gram)) / max(len(labels), 1)
         decided = np.full((len(parts), len(PENALTIES), count), -1)
         for number, part in enumerate(parts):
-            train = np.flatnonzero(np.isin(self.owner, part))
-            left_out = ~np.isin(recordings, part)
+            known = np.zeros(count, dtype=bool)
+            known[part] = True
+            train, left_out = np.flatnonzero(known[self.owner]), ~known[recordings]
             rest = touch[left_out]
             if not len(train):
                 continue
             within, across = self.gram[np.ix_(train, train)], self.gram[np.ix_(rest, train)]
-            for row, penalty in enumerate(PENALTIES):
-                penalised = within + penalty * unit * np.eye(len(train))
-                weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
-                turn, bias = discriminants(within @ weights, targets[train])
-                decided[number, row, recordings[left_out]] = (across @ weights @ turn + bias).argmax(axis=1)
+            penalised = within + unit * np.reshape(PENALTIES, (-1, 1, 1)) * np.eye(len(train))
+            weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
+            turn, bias = discriminants(within @ weights, targets[train])
+            decided[number][:, recordings[left_out]] = (across @ weights @ turn + bias[:, None]).argmax(
+                axis=2
+            )
         right = (decided == self.labels).sum(axis=2)
         best = (right.sum(axis=0) - right).argmax(axis=1)
         return [KnownDecider(decided[number, row]) for number, row in enumerate(best)]

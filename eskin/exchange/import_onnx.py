@@ -50,13 +50,14 @@ def _first_line(error: Exception) -> str:
     return f"{str(error).strip().partition(chr(10))[0]:.160}"
 
 
+def _value(attribute: onnx.AttributeProto) -> Any:
+    value = onnx.helper.get_attribute_value(attribute)
+    return [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
+
+
 def node_attributes(node: onnx.NodeProto) -> Record:
     """A node's attributes by name."""
-    values = {entry.name: onnx.helper.get_attribute_value(entry) for entry in node.attribute}
-    return {
-        name: [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
-        for name, value in values.items()
-    }
+    return {attribute.name: _value(attribute) for attribute in node.attribute}
 
 
 class Graph:
@@ -166,8 +167,8 @@ class Graph:
 
     def values(self, node: onnx.NodeProto, *names: str) -> np.ndarray:
         """An attribute, by the first of ``names`` that the node has; empty if it has none."""
-        attributes = node_attributes(node)
-        value = next((attributes[name] for name in names if name in attributes), ())
+        attributes = {attribute.name: attribute for attribute in node.attribute}
+        value = next((_value(attributes[name]) for name in names if name in attributes), ())
         return self._array(value) if isinstance(value, onnx.TensorProto) else np.asarray(value)
 
     def constant(self, node: onnx.NodeProto, place: int, role: str) -> np.ndarray:

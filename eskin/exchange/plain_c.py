@@ -252,11 +252,13 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
     return _rendered(paths, values, prefix)
 
 
+def _brackets(size: Iterable[int]) -> str:
+    return "".join(f"[{length or 1}]" for length in size)  # C has no array of no elements
+
+
 def _rendered(paths: Iterable[str], values: Record, prefix: str) -> dict[str, str]:
     """The files, each from the template of its name."""
-    # C has no array of no elements
-    brackets = lambda size: "".join(f"[{length or 1}]" for length in size)
-    fill = lambda path: template(__file__, Path(path).name, prefix, brackets=brackets).render(values)
+    fill = lambda path: template(__file__, Path(path).name, prefix, brackets=_brackets).render(values)
     return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(path) for path in paths}
 
 

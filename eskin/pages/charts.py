@@ -50,7 +50,8 @@ def svg(figure: Figure) -> str:
     buffer = io.BytesIO()
     with rc_context(other), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
-        figure.draw_without_rendering()
+        if layout := figure.get_layout_engine():
+            layout.execute(figure)
         figure.set_layout_engine("none")
         # the layout's last digits vary from call to call and would change the names inside the image
         for axes in figure.axes:

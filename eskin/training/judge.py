@@ -190,18 +190,22 @@ class Decisions:
         """The table of these deciders, each on the test of its fold. labels: of all recordings."""
         decided = [decider.decide(fold.test) for fold, decider in fitted]
         counts = [len(fold.test) for fold, _ in fitted]
-        recording = np.concatenate([fold.test for fold, _ in fitted])
         keys = np.repeat([(fold.split, fold.number, fold.seed) for fold, _ in fitted], counts, axis=0)
-        table = pd.DataFrame(keys, columns=KEYS).assign(
-            recording=recording,
-            label=labels[recording],
-            float=np.concatenate([each.real for each in decided]),
-            integer=np.concatenate([each.integer for each in decided]),
-            step=np.concatenate([each.step for each in decided]),
-        )
-        table["float_accuracy"] = table["float"] == table["label"]
-        table["integer_accuracy"] = table["integer"] == table["label"]
-        table["agreement"] = table["float"] == table["integer"]
+        recording = np.concatenate([fold.test for fold, _ in fitted])
+        label = labels[recording]
+        names = "real", "integer", "step"
+        real, integer, step = (np.concatenate([getattr(each, name) for each in decided]) for name in names)
+        columns = dict(zip(KEYS, keys.T, strict=True)) | {
+            "recording": recording,
+            "label": label,
+            "float": real,
+            "integer": integer,
+            "step": step,
+            "float_accuracy": real == label,
+            "integer_accuracy": integer == label,
+            "agreement": real == integer,
+        }
+        table = pd.DataFrame(columns)
         local = np.full((2, len(table), max(each.local_integer.shape[1] for each in decided)), -1)
         for each, end, count in zip(decided, np.cumsum(counts), counts, strict=True):
             local[:, end - count : end, : each.local_integer.shape[1]] = each.local_real, each.local_integer
@@ -227,7 +231,10 @@ class Decisions:
     @cached_property
     def correct(self) -> pd.Series:
         """By recording: the share of integer deciders that decided it correctly."""
-        return self.table.groupby("recording")["integer_accuracy"].mean()
+        recordings, place = np.unique(self.table["recording"], return_inverse=True)
+        return pd.Series(
+            np.bincount(place, self.table["integer_accuracy"]) / np.bincount(place), index=recordings
+        )
 
     def accuracy(self, by: list[str]) -> pd.DataFrame:
         """SHARES by columns of the table."""

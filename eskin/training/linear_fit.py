@@ -92,16 +92,17 @@ def discriminants(fitted: np.ndarray, indicators: np.ndarray) -> tuple[np.ndarra
     The largest value of the regression itself misses a class that lies between others (T. Hastie, R.
     Tibshirani, A. Buja 1994, Flexible discriminant analysis by optimal scoring, whose scores these are): of
     sign_glove's 24 classes it finds 53 % where the discriminants find 86 %. Classes without a touch lose.
+    Several regressions, ``fitted`` (..., n, C), give as many results.
     """
     return discriminants_of(indicators.T @ fitted / len(indicators), indicators.sum(axis=0))
 
 
 def discriminants_of(both: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``discriminants`` by the mean products ``both`` (C, C) of indicators and fitted values, and the touches of
+    """``discriminants`` by the mean products ``both`` (..., C, C) of indicators and fitted values, and the touches of
     each class."""
     share = np.maximum(count, 0.5) / count.sum()
     root = np.sqrt(share)
-    between = (both + both.T) / 2 / root[:, None] / root
+    between = (both + np.swapaxes(both, -1, -2)) / 2 / root[:, None] / root
     unit = root / np.linalg.norm(root)
     apart = np.eye(len(share)) - np.outer(unit, unit)  # without the part that all classes have in common
     explained, vectors = np.linalg.eigh(apart @ between @ apart)
@@ -109,11 +110,13 @@ def discriminants_of(both: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, n
     weight = useful / np.where(useful, explained * np.maximum(1 - explained, 1e-6), 1.0)
     scores = vectors / root[:, None]
     means = both @ scores / share[:, None]
-    turn = scores * weight @ means.T
-    bias = np.log(share) - (means**2 * weight).sum(axis=1) / 2
-    size = np.abs(turn).max() or 1.0
-    bias[count == 0] = bias[count > 0].min() - size
-    return turn / size, bias / size
+    weight = weight[..., None, :]
+    turn = scores * weight @ np.swapaxes(means, -1, -2)
+    bias = np.log(share) - (means**2 * weight).sum(axis=-1) / 2
+    size = np.abs(turn).max(axis=(-1, -2), keepdims=True)
+    size[size == 0] = 1.0
+    bias[..., count == 0] = bias[..., count > 0].min(axis=-1, keepdims=True) - size[..., 0]
+    return turn / size, bias / size[..., 0]
 
 
 PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)

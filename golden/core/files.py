@@ -290,6 +290,7 @@ def check_prefix(option: str, prefix: str) -> str:
 
 
 @functools.cache
+@functools.cache
 def template(module: str, name: str, prefix: str = PREFIX, **filters: Any) -> Any:
     """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML; its names
     begin with ``prefix``."""

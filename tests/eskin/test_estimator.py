@@ -21,6 +21,7 @@ import eskin
 from eskin.api import probabilities
 from eskin.golden.core import PRESETS
 from scripts import ROOT
+from tests.support.recipes import few_updates
 from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
@@ -177,6 +178,7 @@ CANNOT_HOLD = {
 def test_scikit_learns_own_checks_hold_or_are_listed(monkeypatch):
     """As it stands the model says that it takes no arrays of two dimensions, and none is tried."""
     monkeypatch.setitem(PRESETS, "small", LINEAR)
+    few_updates(monkeypatch, 8)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = OfRows("small", folds=0, sample_rate_hz=1000.0)
@@ -190,8 +192,9 @@ def test_scikit_learns_own_checks_hold_or_are_listed(monkeypatch):
     ] == []
 
 
-def test_the_callback_gets_epochs_and_figures_and_may_end_it(lists):
+def test_the_callback_gets_epochs_and_figures_and_may_end_it(lists, monkeypatch):
     seen: list[tuple[int, dict]] = []
+    few_updates(monkeypatch, 200)
     eskin.Model(SMALL, folds=0).fit(*lists, callback=lambda *told: seen.append(told))
     assert [epoch for epoch, _ in seen] == list(range(1, 22))
     losses = [figures["loss"] for _, figures in seen[:-1]]

@@ -6,6 +6,7 @@ import os
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -25,26 +26,34 @@ def thesis(monkeypatch):
         sys.modules.pop(name, None)
 
 
-def exported(path):
-    """A network for the DCNN: a random convolution with a step of 4, averages of its maps over 4 x 4 places."""
+@pytest.fixture(params=["in memory", pytest.param("file", marks=pytest.mark.slow)])
+def seen(request, tmp_path, monkeypatch) -> Path:
+    """A network for the DCNN: a random convolution with a step of 4, averages of its maps over 4 x 4 places. torch takes
+    seconds to write and read its file."""
     torch.manual_seed(1)
     layers = torch.nn.Conv2d(3, 16, 5, stride=4), torch.nn.ReLU(), torch.nn.AdaptiveAvgPool2d(4)
-    sides = {2: torch.export.Dim.AUTO, 3: torch.export.Dim.AUTO}
-    network = torch.nn.Sequential(*layers, torch.nn.Flatten()).eval()
-    example = (torch.zeros(1, 3, 96, 96),)
-    torch.export.save(torch.export.export(network, example, dynamic_shapes=(sides,)), path)
+    network, path = torch.nn.Sequential(*layers, torch.nn.Flatten()).eval(), tmp_path / "seen.pt2"
+    if request.param == "in memory":
+        path.touch()
+        program = SimpleNamespace(module=lambda: network)
+        monkeypatch.setattr(torch.export, "load", {path: program}.__getitem__)
+    else:
+        sides = {2: torch.export.Dim.AUTO, 3: torch.export.Dim.AUTO}
+        example = (torch.zeros(1, 3, 96, 96),)
+        torch.export.save(torch.export.export(network, example, dynamic_shapes=(sides,)), path)
+    return path
 
 
-def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, capsys):
+def test_the_methods_write_the_rows_of_baselines(thesis, seen, tmp_path, monkeypatch, capsys):
     archived(scene(30, seed=3), tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes, each of which would import torch
     monkeypatch.setattr(sys.modules["images"], "UPDATES", 30)
+    monkeypatch.setattr(sys.modules["images"], "BATCH", 8)
     few_updates(monkeypatch, 100)
     monkeypatch.setattr(thesis, "PROTOCOL", replace(thesis.PROTOCOL, updates=96))
     names = "tensor-svm,tensor-rls,cnn-lstm,convlstm,dcnn,gru12-n20,gru12-n256"
-    exported("seen.pt2")
-    words = f"--dcnn seen.pt2 --data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"
+    words = f"--dcnn {seen} --data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"
     monkeypatch.setattr(sys, "argv", ["run.py", *words.split()])
     thesis.main()
     result = json.loads(Path("out/baselines.json").read_text())

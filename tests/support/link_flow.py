@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,12 @@ POSITIONS = ("POSITION", "POSITION_PEAK", "POSITIONS")
 def pack_decisions(config: AcceleratorConfig, rows: np.ndarray) -> list[int]:
     """32-bit payloads of golden decision rows (columns as eskin.golden.model.pipeline.DECISION_FIELDS)."""
     return [pack_decision(config, row) for row in rows]
+
+
+@cache
+def board_of(config: AcceleratorConfig) -> Design:
+    """The board, to be simulated."""
+    return Design(text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
 
 
 def play_link(
@@ -67,9 +74,7 @@ def play_link(
         golden = dict(archive)
     config, recordings = integers.config, [*pairwise(golden["offsets"])]
     mapped = register_map(config)
-    device = Device(
-        Design(text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
-    )
+    device = Device(board_of(config))
     device.put("rx", 1)
     device.reset()
     rng = random.Random(seed)

@@ -63,6 +63,7 @@ def lost(on_smooth, on_rough) -> list[Doubt]:
         (below([LINEAR], (WHOLE, 0.9)), "", []),
         (by_choice(0.87), "", []),
         (by_choice(0.85), "by_choice", ["90.0 % correctly on the folds that chose it", "85.0 %: quote the second figure for a new person"]),
+        (doubts.level_tells(13, 0.9, None, []), "level_tells", ["name these in an array of the archive and give it with `group`"]),
         (doubts.below_range(evaluation(1, integer=0.8), UNSEEN), "", []),
         (doubts.below_range(evaluation(1, integer=0.799), UNSEEN), "below_range", ["79.9 %", "promises 80.0 % to 90.8 %"]),
         (doubts.seen_in_training(HeldBack(**vars(evaluation(356)), seen_in_training=1), "images"), "seen_in_training",

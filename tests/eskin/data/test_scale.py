@@ -12,8 +12,11 @@ from eskin.data.fit import check_fit, rescaled
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import Stream, load_config
+from eskin.training.derive import for_recordings
 from eskin.verbs import run_job
 from tests.support.random_models import random_integer_model
+from tests.support.recipes import few_updates
+from tests.support.small_designs import TRACKED
 from tests.support.table import refused
 
 COLUMNS = ("left", "middle", "right")
@@ -68,7 +71,11 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
         return err
 
     told = "recordings 'e.npz': one code is"
-    train = "train --data a.npz --cell linear --folds 0 --out m".split()
+    changes = dict(taxels=3, sample_signed=True, onset="immediate", rest="none", rest_frames=0)
+    config = for_recordings(TRACKED, first, cell="linear", decision="last", **changes)
+    (tmp_path / "c.json").write_text(config.to_json())
+    few_updates(monkeypatch, 20)
+    train = "train --data a.npz --config c.json --folds 0 --out m".split()
     assert call(*train)[0] == 0 and call("quantise", "m")[0] == 0
     folder(tmp_path / "b", 0.3)
     folder(tmp_path / "c", 9.0)

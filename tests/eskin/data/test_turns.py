@@ -99,16 +99,21 @@ def test_larger_networks_do_better_on_unseen_persons(scene, config):
     assert linear < 0.88 < small < large - 0.02 and 0.955 < large < 1.0
 
 
-def test_the_scene_of_a_model_has_its_array(config):
-    scene = load_recordings("synthetic", config=config)
-    assert np.array_equal(scene.samples, load_recordings("synthetic").samples)
-    check_fit(scene, config)
-    for taxels, rows in ((4, 2), (8, 2), (12, 3), (36, 6)):
-        other = load_recordings("synthetic", config=config.replace(taxels=taxels, sample_rate_hz=100.0))
-        same = turn_recordings(rows=rows, columns=taxels // rows, sample_rate_hz=100.0)
-        assert np.array_equal(other.samples, same.samples) and len(other) == 512
+def test_the_scene_of_a_model_has_its_array(scene, config, monkeypatch):
+    same = load_recordings("synthetic", config=config)
+    assert np.array_equal(same.samples, scene.samples)
+    check_fit(same, config)
+    with monkeypatch.context() as patch:
+        patch.setattr(turns, "turn_recordings", lambda **sizes: sizes)
+        for taxels, rows in ((4, 2), (8, 2), (12, 3), (36, 6)):
+            sizes = turns.scene_of(config.replace(taxels=taxels, sample_rate_hz=100.0))
+            array = {"rows": rows, "columns": taxels // rows, "sample_rate_hz": 100.0}
+            assert sizes == {"persons": 16, "trials": 8, **array}
+        sizes = turns.scene_of(PRESETS["thesis"])
+        assert sizes["persons"] == 16 and sizes["trials"] == 2
+    monkeypatch.setattr(turns, "CODES", 1 << 22)
     fast = load_recordings("synthetic", config=PRESETS["thesis"])
-    assert len(fast) == 16 * 2 * 4 and fast.samples.size <= turns.CODES
+    assert 2 * 4 < len(fast) < 16 * 4 and fast.samples.size <= turns.CODES
     found = find_onsets(PRESETS["thesis"].replace(class_names=fast.class_names), fast)
     assert (found >= 0).all()
 

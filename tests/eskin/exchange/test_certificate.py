@@ -3,6 +3,7 @@ named, whatever the file says of itself."""
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,10 +26,11 @@ from tests.support.random_models import random_integer_model
 from tests.support.table import each_row, refused
 
 KINDS = EXACT | {"trees": {"cell": "trees", "decision": "last"}}
+MODEL = random_integer_model(CONFIG, 1)
 certify = partial(certificate.certify, contents=contents)
 
 
-def written(model: IntegerModel, folder: Path) -> list[Path]:
+def export(model: IntegerModel, folder: Path) -> None:
     """Every file by which the model is known, on two lanes."""
     if not (model.config.is_image or model.config.network.cell == "trees"):  # which ONNX does not have
         export_exact(model, folder / "onnx")
@@ -39,25 +41,45 @@ def written(model: IntegerModel, folder: Path) -> list[Path]:
     write_contents(folder / "board", contents(config, model.arrays))
     (folder / "board" / "build.json").write_text(json.dumps({"model_hash": model.model_hash}))
     model.save(folder / "model")
+
+
+def known_files(folder: Path) -> list[Path]:
+    """The files that `export` wrote."""
     known = (".onnx", "_model.h", "_model.c", "build.json", "config.json")
     board = folder / "board" / "config.json"
     return [path for path in sorted(folder.rglob("*")) if path.name.endswith(known) and path != board]
 
 
+@pytest.fixture(scope="module")
+def exports(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("exports")
+    export(MODEL, folder)
+    return folder
+
+
+@pytest.fixture
+def exported(exports, tmp_path) -> Path:
+    """The files of MODEL, to be damaged."""
+    return shutil.copytree(exports, tmp_path / "exported")
+
+
 @pytest.mark.parametrize("kind", [*KINDS, "images"])
-def test_a_model_is_known_and_a_weight_more_is_named(kind, tmp_path):
+def test_a_model_is_known_and_a_weight_more_is_named(kind, tmp_path, monkeypatch):
+    for name in ("Accelerator", "verilog"):  # no number is read from Verilog
+        monkeypatch.setattr(f"eskin.rtl.fpga.generate.{name}", lambda *_: "")
     model = (
         random_image_model(IMAGES, 1)
         if kind == "images"
         else random_integer_model(CONFIG.replace(**KINDS[kind]), 1)
     )
-    files = written(model, tmp_path)
+    export(model, tmp_path)
+    files = known_files(tmp_path)
     assert len(files) == 7 - 2 * (kind in ("images", "trees"))
     for file in files:
         same = certify(model, file)
         assert same.passed and not same.differences and same.values > 20, (file, same)
     names = [*model.arrays]
-    for number, name in enumerate(names + [names[-1]] * len(files)):
+    for number, name in enumerate(names + [names[-1]] * (len(files) - len(names))):
         file, values = files[number % len(files)], model.arrays[name]
         place = tuple(np.random.default_rng(2).integers(0, values.shape)) if values.shape else ()
         if name == "vote":  # of a leaf
@@ -70,10 +92,9 @@ def test_a_model_is_known_and_a_weight_more_is_named(kind, tmp_path):
         assert len(found.differences) > 1 and "there and" in found.differences[-1], (file, name, found)
 
 
-def test_a_weight_of_the_file_is_named(tmp_path):
+def test_a_weight_of_the_file_is_named(exported):
     """Each file is changed in one number, its line of the hash is left as it is."""
-    model = random_integer_model(CONFIG, 1)
-    for file in written(model, tmp_path):
+    for file in known_files(exported):
         if file.suffix == ".c":
             continue
         numbers = file.with_name("load.hex")
@@ -95,30 +116,28 @@ def test_a_weight_of_the_file_is_named(tmp_path):
             numbers.write_text("\n".join([*lines[:4], f"{int(lines[4], 16) ^ 1:06x}", *lines[5:]]))
             expected = r"load.hex, word\[4\]: is"
         else:
-            arrays = model.arrays | {"V": model.arrays["V"] ^ 1}
+            arrays = MODEL.arrays | {"V": MODEL.arrays["V"] ^ 1}
             np.savez(file.with_name("weights.npz"), **arrays)
             expected = r"V\[0, 0\]: is"
-        found = certify(model, file)
+        found = certify(MODEL, file)
         assert not found.passed and re.match(expected, found.differences[0]), (file, found)
 
 
-def test_lines_nodes_and_fields_count(tmp_path):
-    model = random_integer_model(CONFIG, 1)
-    written(model, tmp_path)
-    board = tmp_path / "board" / "build.json"
+def test_lines_nodes_and_fields_count(exported):
+    board = exported / "board" / "build.json"
     board.write_text(json.dumps({"model_hash": "0" * 32}))
-    assert certify(model, board).differences[0].startswith("model_hash: is 000")
-    other = replace(model, config=model.config.replace(margin_threshold=7))
-    for file in (tmp_path / "onnx" / "model.onnx", tmp_path / "design" / "config.json"):
+    assert certify(MODEL, board).differences[0].startswith("model_hash: is 000")
+    other = replace(MODEL, config=MODEL.config.replace(margin_threshold=7))
+    for file in (exported / "onnx" / "model.onnx", exported / "design" / "config.json"):
         assert "field margin_threshold: is 0 there and 7 in the model" in certify(other, file).differences
-    source = tmp_path / "c" / "mine_model.c"
+    source = exported / "c" / "mine_model.c"
     source.write_text(source.read_text().replace(">", ">=", 1))
-    assert "line" in certify(model, source).differences[0]
-    file = tmp_path / "onnx" / "model.onnx"
+    assert "line" in certify(MODEL, source).differences[0]
+    file = exported / "onnx" / "model.onnx"
     proto = onnx.load(file)
     next(node for node in proto.graph.node if node.op_type == "Floor").op_type = "Ceil"
     onnx.save(proto, file)
-    assert "nodes" in certify(model, file).differences[0]
+    assert "nodes" in certify(MODEL, file).differences[0]
 
 
 @each_row(
@@ -132,7 +151,6 @@ def test_lines_nodes_and_fields_count(tmp_path):
     ],
 )
 def test_other_files_are_refused(name, sentence, tmp_path):
-    model = random_integer_model(CONFIG, 1)
     for folder in ("some", "bad"):
         (tmp_path / folder).mkdir()
     for file in ("some/readme.txt", "bad/model.onnx", "bad/build.json"):
@@ -140,4 +158,4 @@ def test_other_files_are_refused(name, sentence, tmp_path):
     (tmp_path / "bad" / "config.json").write_text(CONFIG.to_json())
     write_onnx(float_model(CONFIG), tmp_path / "net.onnx")
     with refused(sentence):
-        certify(model, tmp_path / name)
+        certify(MODEL, tmp_path / name)

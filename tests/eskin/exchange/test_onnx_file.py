@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import warnings
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -301,6 +302,7 @@ def test_layouts_of_a_converter_of_keras(kind, tmp_path):
 LABELS = {2: ("press", "stroke"), 3: ("tap", "press", "stroke")}
 
 
+@cache
 def grown(kind=RandomForestClassifier, classes=3, **options):
     """Features (touches, K, D) that are codes, and a forest fitted on them with names as labels."""
     rng, of_trees = np.random.default_rng(6), {} if kind is DecisionTreeClassifier else {"n_estimators": 8}

@@ -300,10 +300,10 @@ def test_bits_of_a_feature_are_given_or_refused(cell, recurrent, most, tmp_path)
     arrays = {name: factor.get(name[0], 1.0) * array for name, array in model.arrays.items()}
     model = FloatModel(model.config, arrays | {"sigma": np.array(0.2), "mu": np.array(0.05)})
     model.save(tmp_path / "model", {})
-    given = []
+    given, recordings = [], scene(20, seed=1)
     for bits in range(4, 17):
         try:
-            integer = quantise(tmp_path / "model", scene(20, seed=1), feature_bits=bits)
+            integer = quantise(tmp_path / "model", recordings, feature_bits=bits)
             assert integer.config.formats.feature_format.width == bits
             given.append(bits)
         except InputError as error:

@@ -86,13 +86,13 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
         return logits
 
     monkeypatch.setattr(IntegerNetwork, "forward", checked)
-    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 12)
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 6)
     monkeypatch.setattr(fitting, "FINE_TUNING_RATE", 0.1)
     recipe = replace(RECIPES["onset"], updates=10, batch=16)
     data, part = touches_of(scene(30, seed=4), config, recipe)
     parts = [part[::2], part[1::2]]
     fitting.fine_tune(data, recipe, parts, fit(data, parts, recipe, config), 0, widths, lambda *_: None)
-    assert len(seen) == 24
+    assert len(seen) == 12
     assert any(
         (seen[0][name] != seen[-1][name]).any()
         for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V")

@@ -12,13 +12,10 @@ import pytest
 from eskin.cosim import device
 from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.live import link
-from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
-from eskin.rtl.top.system import System
 from eskin.teach.taught import load_taught
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import replay as verb
@@ -27,7 +24,7 @@ from tests.eskin.live.test_link import CONFIG
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
-from tests.support.link_flow import TIMEOUT_BYTES
+from tests.support.link_flow import TIMEOUT_BYTES, board_of
 from tests.support.pin_port import PinPort
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row, refused
@@ -197,24 +194,19 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
     assert all(sentence.startswith("recording 4") for sentence in result["mismatch_list"])
 
 
-CLOCKS_PER_BIT = 4
-
-
-def board_of(model: IntegerModel) -> PinPort:
-    """The pins of a simulated board that was just switched on."""
-    config, clock_hz = model.config, model.config.hardware.clock_hz
-    board = text_of(System(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
-    simulated = device.Device(device.Design(board, Path("build/simulators"), top="board_top"))
+def switched_on(board: device.Design) -> PinPort:
+    """The pins of a simulated board."""
+    simulated = device.Device(board)
     simulated.put("rx", 1)
     simulated.reset()
-    return PinPort(simulated, CLOCKS_PER_BIT)
+    return PinPort(simulated, clocks=4)
 
 
 def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
     model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
-
-    monkeypatch.setattr(verb, "SerialPort", lambda port, baud: board_of(model))
+    board = board_of(model.config)
+    monkeypatch.setattr(verb, "SerialPort", lambda port, baud: switched_on(board))
     monkeypatch.setattr(verb, "answer_s", lambda config, baud: TIMEOUT_BYTES)
 
     def replayed(**options: Any) -> dict:

@@ -202,39 +202,38 @@ def test_a_run_that_is_asked_for_anything_else_takes_nothing_over(monkeypatch, t
     chain = Chain(monkeypatch)
     cut_at(chain, tmp_path / "run", "cosim")
     change(chain, name)
-    run(tmp_path / "run", **{name: OPTIONS[name]} if name in OPTIONS else {})
-    assert chain.calls == ORDER
+    cut_at(chain, tmp_path / "run", "cosim", **{name: OPTIONS[name]} if name in OPTIONS else {})
 
 
 READ = {"training.*/model/training.json": "quantise", "quantisation.*/model/config.json": "evaluate"}
 READ |= {f"Verilog.*/rtl/{MARK}": "cosim"}
-
-
-@each_row("pattern", READ)
-def test_a_stage_that_reads_another_content_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, pattern):
-    chain = Chain(monkeypatch)
-    (path,) = cut_at(chain, tmp_path / "run", "report").glob(pattern)
-    path.write_text(path.read_text() + " ")
-    run(tmp_path / "run")
-    assert chain.calls == ORDER[ORDER.index(READ[pattern]) :]
-
-
 WORKERS = "choose.choice training.integers training.evaluate choose.yardsticks verbs.generate".split()
+WORKERS += ["verbs.cosim"] * 3
 UNUSED = "eskin.training.made_up"  # by this job, of what `generate` imports
 
 
-@each_row("number", range(len(ORDER) - 1))
-def test_a_stage_of_other_code_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, number):
-    chain = Chain(monkeypatch)
+def test_a_stage_of_other_code_or_content_is_made_anew_and_all_behind_it(chain, monkeypatch, tmp_path):
     code = Mock(return_value="this code")
     monkeypatch.setattr(run_job, "code_version", code)
-    cut_at(chain, tmp_path / "run", "report")
-    worker = f"eskin.{[*WORKERS, *['verbs.cosim'] * 3][number]}"
-    outside = beyond(worker, code.call_args_list[number].args)
-    assert not {name for name in outside if not name.startswith(UNUSED)}
-    code.side_effect = [*["this code"] * number, "other code", *["this code"] * 9]
-    run(tmp_path / "run")
-    assert chain.calls == ORDER[number:]
+    work = cut_at(chain, tmp_path / "run", "report")
+    calls = code.call_args_list[: len(WORKERS)]
+
+    def again(name: str, pattern: str = "") -> list[str]:
+        out = tmp_path / name
+        copy = shutil.copytree(work, out.with_name(f".{name}.work"))
+        for path in copy.glob(pattern) if pattern else ():
+            path.write_text(path.read_text() + " ")
+        chain.calls.clear()
+        run(out)
+        return chain.calls
+
+    for pattern, stage in READ.items():
+        assert again(stage, pattern) == ORDER[ORDER.index(stage) :]
+    for number, (worker, call) in enumerate(zip(WORKERS, calls, strict=True)):
+        outside = beyond(f"eskin.{worker}", call.args)
+        assert not {name for name in outside if not name.startswith(UNUSED)}
+        code.side_effect = [*["this code"] * number, "other code", *["this code"] * 9]
+        assert again(f"run{number}") == ORDER[number:]
 
 
 def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):

@@ -18,7 +18,7 @@ from eskin.choose.candidate import (
     choose,
     choose_stable,
 )
-from eskin.choose.choice import train_chosen
+from eskin.choose.choice import configure, train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
@@ -177,12 +177,12 @@ def gate_costs(config: AcceleratorConfig) -> Cost:
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
     """Touches that any network knows, behind a gate that one bad sample opens."""
-    scene = stability_case.recordings(36)
+    scene = stability_case.recordings(24)
     request = TrainingSettings(out=tmp_path / "model", folds=2, seeds=1, group="trial")
+    prices = priced(cost_of=gate_costs)
+    plan = configure(scene, None, prices, groups=["trial"], folds=2)
     panel = Panel(scene, {"one-sample glitch before the touch": 1.0, "one dead taxel, worst": 1.0}, 24)
-    calm, heeded = (
-        train_chosen(scene, None, priced(cost_of=gate_costs), request, stress=of) for of in (None, panel)
-    )
+    calm, heeded = (train_chosen(scene, None, prices, request, plan=plan, stress=of) for of in (None, panel))
     (plain,), (taken,) = ([row for row in rec.candidates if row.chosen] for rec in (calm, heeded))
     assert plain.energy_touch_j == 1e-6 and plain.front_end.clip == 0 and not plain.stress
     assert plain.score == plain.accuracy > 0.95
