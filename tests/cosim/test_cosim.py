@@ -307,7 +307,7 @@ SEEDS = {
     "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 3)) for k, seed in enumerate([None, *SEEDS])]
 )
 def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
-    """Under cocotb, and of the first and the last one in bulk, too."""
+    """Under cocotb, and the last one in bulk, too."""
     source, (old, new) = inspect.getsource(control), SEEDS.get(seed, ("", ""))
     assert old in source
     names = dict(vars(control))
@@ -318,7 +318,7 @@ def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
     design = generate(model.config, model.arrays, tmp_path / "design")
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings)
     ways = {"icarus": ICARUS, "bulk": {"simulator": "verilator", "cocotb": ()}}
-    for way in ways if seed in ("CHECKSUM always", "TOUCHES constant") else ("icarus",):
+    for way in ways if seed == "TOUCHES constant" else ("icarus",):
         how = Simulation(builds=tmp_path / "builds", waves=False, **ways[way])
         result = flow.cosim(design, vectors, how, work=tmp_path / way)
         assert result.passed == (seed is None), result.mismatch_list
