@@ -44,7 +44,7 @@ from eskin.choose.candidate import (
     in_reach,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.front_ends import Listed
+from eskin.choose.front_ends import HOPELESS, Listed
 from eskin.choose.search import Move, Request, Search, search
 from eskin.choose.sturdy import SPREAD, Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -119,7 +119,7 @@ class Effort:
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds:
     number for candidates that can still be taken. brief: nothing dearer is tried once no other can be better
     by a standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
-    of front ends that are made sturdier.
+    of front ends that are made sturdier. few_groups: as ``by`` says.
     """
 
     fits: tuple[str, ...] = tuple(fit for fit in FITS if fit not in STURDY)
@@ -133,14 +133,15 @@ class Effort:
     sturdy: tuple[str, ...] = tuple(STURDY)
     robust: tuple[str, ...] = (ROBUST,)
     ends: int = 3
+    few_groups: bool = False
 
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
         """Effort that suits leaving out ``parts`` in turn. If ``learns_from_one_group``, results do not show
-        which fit is better: only the first fit and no sturdier one is tried, and GRUs have the units that are
-        tried inside folds."""
+        which fit is better: only the first fit and no sturdier one is tried, GRUs have the units that are
+        tried inside folds, and linear cells give way to trees."""
         if not learns_from_one_group(recordings, parts):
             return self
-        return dataclasses.replace(self, fits=self.fits[:1], units=INSIDE.units, sturdy=())
+        return dataclasses.replace(self, fits=self.fits[:1], units=INSIDE.units, sturdy=(), few_groups=True)
 
 
 def learns_from_one_group(recordings: Recordings, parts: Sequence[np.ndarray]) -> bool:
@@ -267,7 +268,18 @@ class NetworkSearch(Search):
     def stablest(self) -> ScoredCandidate:
         """The choice under disturbance."""
         assert self.calm is not None
-        return choose_stable(self.tried, self.calm, self.prices)
+        return choose_stable(self.comparable, self.calm, self.prices)
+
+    @property
+    def comparable(self) -> list[ScoredCandidate]:
+        """Candidates that the rule compares. If folds learn from one group each, linear cells are left out where trees are
+        at most HOPELESS behind: a second group gains more for trees than for a linear cell."""
+        linear = [scored for scored in self.tried if scored.is_linear]
+        others = [scored for scored in self.tried if not scored.is_linear]
+        forests = [scored for scored in others if scored.config.is_forest]
+        if not (self.effort.few_groups and linear and forests):
+            return self.tried
+        return others if best_of(linear).accuracy - best_of(forests).accuracy <= HOPELESS else self.tried
 
     def usable(self, candidates: Iterable[Candidate | None]) -> list[Candidate]:
         """Those that fit the board and that the rule could still take."""
@@ -429,7 +441,7 @@ def other_seeds(search: NetworkSearch) -> Request:
 
 def sturdier_networks(search: NetworkSearch) -> Request:
     """The network of the choice by undisturbed recordings, on sturdier front ends and fitted to disturbances."""
-    search.calm = choose(search.tried, search.prices)
+    search.calm = choose(search.comparable, search.prices)
     calm, hardening, effort = search.calm, search.hardening, search.effort
     if hardening is None:
         return Request()

@@ -422,7 +422,7 @@ def _read_forest(graph: Graph) -> Network:
     if not sound:
         graph.refuse(node, OF_SHARES)
     shares[compares] = 1
-    forest = Trees(roots, feature, threshold, children, shares)
+    forest = Trees(roots, feature, feature, threshold, children, shares)
     sizes = "trees", "before", "sigmoid", 0, len(labels), columns
     return Network(graph.path, *sizes, {}, {"trees": node.output[-1]}, graph, forest, labels)
 

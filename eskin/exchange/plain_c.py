@@ -90,10 +90,14 @@ def _frame_tables(model: IntegerModel) -> list[Table]:
         mask = [taxel in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
         tables.append(_table("MASK", mask, "1: the taxel is out of use", "uint8_t"))
     if config.is_forest:
+        threshold = "int16_t" if config.threshold_format.width <= 16 else "int32_t"
         return [
             *tables,
             _table("INPUT", arrays["tree_input"], "of a comparison: window * inputs + input", "int32_t"),
-            _table("THRESHOLD", arrays["threshold"], f"{formats.feature_format}, above it side 1", "int16_t"),
+            _table("SUBTRAHEND", arrays["subtrahend"], "of a comparison: as INPUT; the same: 0", "int32_t"),
+            _table(
+                "THRESHOLD", arrays["threshold"], f"{config.threshold_format}, above it side 1", threshold
+            ),
             _table("CHILD", arrays["child"], "next node; -1 - class: a vote", "int16_t"),
             _table("VOTE", arrays["vote"], "on the scale of logits", "int8_t"),
         ]

@@ -1,6 +1,6 @@
 """Forests of scikit-learn as the arrays of the cell ``trees`` (docs/specification.md, section 5)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -9,14 +9,19 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat
 from eskin.golden.core.config import VOTE_BITS, WIDEST_SCORE
 from eskin.golden.core.groups import MOST_NODES
 
+MOST_PAIRS = 256
+"""Most pairs of taxels whose differences trees are fitted to."""
+
 
 @dataclass(frozen=True)
 class Trees:
-    """Nodes, parents before children: the rows of the ``roots``; of each node ``feature``, ``threshold``, ``children`` (two
-    rows, the left one up to the threshold; of a leaf its row) and ``shares`` of the classes (C)."""
+    """Nodes, parents before children: the rows of the ``roots``; of each node ``feature``, ``subtrahend`` (a feature; the same:
+    0), ``threshold``, ``children`` (two rows, the left one up to the threshold; of a leaf its row) and ``shares`` of the
+    classes (C)."""
 
     roots: np.ndarray
     feature: np.ndarray
+    subtrahend: np.ndarray
     threshold: np.ndarray
     children: np.ndarray
     shares: np.ndarray
@@ -36,7 +41,8 @@ class Trees:
         shares = np.zeros((len(rows), fitted.classes_[-1] + 1))
         shares[:, fitted.classes_] = every("value")[:, 0]
         children = np.where(child < 0, rows[:, None], child + within)
-        return cls(roots[:-1], every("feature"), every("threshold"), children, shares)
+        feature = every("feature")
+        return cls(roots[:-1], feature, feature, every("threshold"), children, shares)
 
 
 def forest_arrays(config: AcceleratorConfig, trees: Trees) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
@@ -67,16 +73,33 @@ def forest_arrays(config: AcceleratorConfig, trees: Trees) -> tuple[AcceleratorC
     lead = most - (1 - most) / max(1, shares.shape[-1] - 1)
     return config, {
         "tree_input": np.where(compares, trees.feature, 0)[order],
+        "subtrahend": np.where(compares, trees.subtrahend, 0)[order],
         "threshold": np.where(compares, trees.threshold, 0)[order],
         "child": np.where(ends, -1 - shares.argmax(axis=-1), place[children]),
         "vote": np.where(ends, lead, 0),
     }
 
 
+def pairs_of_taxels(config: AcceleratorConfig, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs of the first and of the second taxel of each pair, of one window and one kind of feature: of all pairs, or of
+    MOST_PAIRS at random."""
+    live = np.setdiff1d(np.arange(config.sensor.taxels), config.sensor.masked_taxels)
+    pairs = np.array(np.triu_indices(len(live), 1))
+    count = pairs.shape[1] * config.windows.steps * config.kinds
+    drawn = np.random.default_rng(seed).permutation(count)[:MOST_PAIRS]
+    place, pair = np.divmod(drawn, max(1, pairs.shape[1]))
+    window, kind = np.divmod(place, config.kinds)
+    first, second = window * config.inputs + config.kinds * live[pairs[:, pair]] + kind
+    return first, second
+
+
 def fit_forest(
     config: AcceleratorConfig, features: np.ndarray, counts: np.ndarray, labels: np.ndarray, seed: int
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
     """A random forest of ``trees`` trees, of at most ``depth`` comparisons each: `forest_arrays` of scikit-learn's.
+
+    It is fitted to the features and to their differences between two taxels, which an offset of both does not change
+    (`pairs_of_taxels`).
 
     Parameters
     ----------
@@ -91,14 +114,17 @@ def fit_forest(
     last = np.maximum(counts.sum(axis=1).astype(int) - 1, 0)
     windows = np.minimum(np.arange(features.shape[1]), last[:, None])
     inputs = features[np.arange(len(features))[:, None], windows].reshape(len(features), -1)
-    forest = config.forest
+    forest, seed = config.forest, seed % (1 << 32)
+    first, second = pairs_of_taxels(config, seed)
+    columns = np.arange(inputs.shape[1])
+    inputs = np.concatenate([inputs, inputs[:, first] - inputs[:, second]], axis=1)
     fitted = RandomForestClassifier(
-        forest.trees,
-        max_depth=forest.depth,
-        max_leaf_nodes=MOST_NODES // forest.trees + 1,
-        random_state=seed % (1 << 32),
+        forest.trees, max_depth=forest.depth, max_leaf_nodes=MOST_NODES // forest.trees + 1, random_state=seed
     )
-    return forest_arrays(config, Trees.of(fitted.fit(inputs, labels)))
+    trees = Trees.of(fitted.fit(inputs, labels))
+    operands = np.concatenate([columns, first]), np.concatenate([columns, second])
+    feature, subtrahend = (operand[np.maximum(trees.feature, 0)] for operand in operands)
+    return forest_arrays(config, replace(trees, feature=feature, subtrahend=subtrahend))
 
 
 def forest_codes(
@@ -107,7 +133,7 @@ def forest_codes(
     """Integers of trees, and the configuration with the format of their logits: the finest in which the votes have VOTE_BITS
     bits. A threshold is rounded down: a feature that is a code is not above the threshold's floor exactly if it is not above
     the threshold. A threshold beyond all codes becomes the last one."""
-    feature, largest = config.formats.feature_format, max(float(np.abs(arrays["vote"]).max()), 2.0**-8)
+    feature, largest = config.threshold_format, max(float(np.abs(arrays["vote"]).max()), 2.0**-8)
     frac = int(np.floor(np.log2(((1 << VOTE_BITS - 1) - 0.5) / largest)))
     threshold = np.floor(arrays["threshold"] * 2.0**feature.frac_bits)
     codes = dict(arrays) | {

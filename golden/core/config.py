@@ -665,6 +665,12 @@ class AcceleratorConfig:
         return self.network.cell in ("gru", "lstm")
 
     @property
+    def threshold_format(self) -> QFormat:
+        """Format of a feature of trees, or of the difference of two."""
+        feature = self.formats.feature_format
+        return QFormat(feature.int_bits + 1, feature.frac_bits)
+
+    @property
     def is_forest(self) -> bool:
         """True for trees: the group ``forest`` has their sizes."""
         return self.network.cell == "trees"

@@ -11,8 +11,8 @@ def check_forest(config: AcceleratorConfig, arrays: Arrays, source: str) -> None
     Raises
     ------
     InputError
-        A node compares an input that does not exist, has a child that is neither a later node nor a class, or a
-        tree is deeper than ``depth``.
+        A node compares or subtracts an input that does not exist or is of another window, has a child that is neither a
+        later node nor a class, or a tree is deeper than ``depth``.
     """
     if not config.is_forest:
         return
@@ -26,6 +26,9 @@ def check_forest(config: AcceleratorConfig, arrays: Arrays, source: str) -> None
 
     if (inputs < 0).any() or (inputs >= config.windows.steps * config.inputs).any() or (inputs % 1).any():
         raise refuse("tree_input", f"names an input outside 0..{config.windows.steps * config.inputs - 1}")
+    less = arrays["subtrahend"]
+    if (less // config.inputs != inputs // config.inputs).any() or (less % 1).any():
+        raise refuse("subtrahend", "names no input of the window of tree_input")
     leaf = child < 0
     if (
         (leaf & (child < -config.classes)).any()
@@ -50,13 +53,17 @@ def run_forest(
     where a window that is not there yet has the features of the last one."""
     touches, steps, inputs = features.shape
     window, column = np.divmod(arrays["tree_input"].astype(int), inputs)
+    less = arrays["subtrahend"].astype(int) % inputs
+    single = less == column
     child, vote, threshold = arrays["child"].astype(int), arrays["vote"], arrays["threshold"]
     touch, step = np.indices((touches, steps)).reshape(2, -1)
     logits = np.zeros((touches, steps, config.classes))
     for root in range(config.forest.trees):
         rows, node = np.arange(len(touch)), np.full(len(touch), root)  # walks under way
         while len(rows):
-            value = features[touch[rows], np.minimum(window[node], step[rows]), column[node]]
+            taken = features[touch[rows], np.minimum(window[node], step[rows])]
+            row = np.arange(len(rows))
+            value = taken[row, column[node]] - np.where(single[node], 0, taken[row, less[node]])
             side = (value > threshold[node]).astype(int)
             following = child[node, side]
             ends = following < 0

@@ -51,7 +51,8 @@ def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[
         return of_stage | {f"b_{stage.number}": (stage.outputs,) for stage in config.weighted_stages}
     if config.is_forest:
         nodes = config.forest.nodes
-        return {"tree_input": (nodes,), "threshold": (nodes,), "child": (nodes, 2), "vote": (nodes, 2)}
+        of_node = dict.fromkeys(("tree_input", "subtrahend", "threshold"), (nodes,))
+        return of_node | dict.fromkeys(("child", "vote"), (nodes, 2))
     if not config.recurrent:
         return {"V": (config.sets, c, d), "b_y": (c,)}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -72,8 +73,9 @@ def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
         return weights | {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in config.weighted_stages}
     formats = config.formats
     if config.is_forest:
-        whole = {"tree_input": QFormat(17, 0, False), "child": QFormat(16, 0), "vote": QFormat(VOTE_BITS, 0)}
-        return whole | {"threshold": formats.feature_format}
+        inputs = dict.fromkeys(("tree_input", "subtrahend"), QFormat(17, 0, False))
+        whole = {"child": QFormat(16, 0), "vote": QFormat(VOTE_BITS, 0)}
+        return inputs | whole | {"threshold": config.threshold_format}
     kinds = {
         "W": formats.weight_format,
         "U": formats.recurrent_format,

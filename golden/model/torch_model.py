@@ -69,7 +69,9 @@ def _forest_logits(
     """Logits (n, K, C) of trees: every node is compared, then marked if its tree's walk comes by it."""
     steps, first = torch.arange(codes.shape[1]), arrays["tree_input"] // config.inputs
     windows = torch.minimum(first, steps[:, None])  # (K, N)
-    right = codes[:, windows, arrays["tree_input"] % config.inputs] > arrays["threshold"]
+    inputs, less = (arrays[name] % config.inputs for name in ("tree_input", "subtrahend"))
+    values = codes[:, windows, inputs] - (inputs != less) * codes[:, windows, less]
+    right = values > arrays["threshold"]
     logits = codes.new_zeros((*right.shape[:2], config.classes))
     passed = torch.zeros_like(right)
     passed[..., : config.forest.trees] = True

@@ -29,8 +29,9 @@ class ForestEngine(wiring.Component):
     """Computes the trees' logits for every window of centred sums; ports as of `eskin.rtl.engine.engine.Engine`.
 
     A step clears the classes' sums (a cycle each), makes features of the window's sums (SCALING_CYCLES each, by shifts and
-    additions), walks tree after tree (two cycles a comparison; ``depth`` comparisons, though nothing moves behind a leaf),
-    and gives the logits (a cycle each). It takes `eskin.rtl.program.timing.forest_cycles`, whatever the features are.
+    additions), walks tree after tree (two cycles a comparison of a feature, or of the difference of two; ``depth``
+    comparisons, though nothing moves behind a leaf), and gives the logits (a cycle each). It takes
+    `eskin.rtl.program.timing.forest_cycles`, whatever the features are.
 
     Parameters
     ----------
@@ -125,6 +126,7 @@ class ForestEngine(wiring.Component):
             m, "features", shape_of(config.formats.feature_format), steps << ceil_log2(inputs)
         )
         step_bits, input_bits = step[: ceil_log2(steps)], column[: ceil_log2(inputs)]
+        less = m.submodules.features.read_port()
         drive(m, store, addr=Cat(input_bits, step_bits), data=feature, en=scaled)
         drive(m, self.feature, valid=scaled, value=feature)
 
@@ -146,21 +148,21 @@ class ForestEngine(wiring.Component):
         )
         fields = memory_map.node_fields(config)
         node = data.View(
-            data.StructLayout(fields | {"threshold": shape_of(config.formats.feature_format)}),
+            data.StructLayout(fields | {"threshold": shape_of(config.threshold_format)}),
             node_read.data[: sum(fields.values())],
         )
-        child = Mux(read.data > node.threshold, node.right, node.left)
+        single = Signal()  # a register: while the features are read
+        m.d.sync += single.eq(node.subtrahend == node.input)
+        value = read.data - Mux(single, 0, less.data)
+        child = Mux(value > node.threshold, node.right, node.left)
         leaf = child[-1]
         votes = self.votes = judging & leaf & ~ended
         self.node_enable = walking & ~looks & (at_root | ~(ended | leaf))
         drive(m, node_read, en=self.node_enable)
         m.d.comb += address.eq(Mux(at_root, tree, child))
-        drive(
-            m,
-            read,
-            addr=Cat(node.input, Mux(node.window > step, step, node.window)[: len(step_bits)]),
-            en=looks & ~ended,
-        )
+        window = Mux(node.window > step, step, node.window)[: len(step_bits)]
+        for port, column_read in ((read, node.input), (less, node.subtrahend)):
+            drive(m, port, addr=Cat(column_read, window), en=looks & ~ended)
         with m.If(~looks):
             m.d.sync += ended.eq(~at_root & (ended | leaf))
 

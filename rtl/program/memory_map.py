@@ -384,15 +384,15 @@ def scale_places(config: AcceleratorConfig) -> list[int]:
 
 
 def node_fields(config: AcceleratorConfig) -> dict[str, int]:
-    """Bits of a node's fields, the lowest first. A child is a node's number, or with its highest bit set a vote, the class
-    above it."""
+    """Bits of a node's fields, the lowest first. A subtrahend that is the input itself counts as 0. A child is a node's
+    number, or with its highest bit set a vote, the class above it."""
     classes, nodes, inputs, steps = (
         (count - 1).bit_length()
         for count in (config.classes, config.forest.nodes, config.inputs, config.windows.steps)
     )
     child = 1 + max(nodes, VOTE_BITS + classes)
-    fields = {"input": inputs, "window": steps, "left": child, "right": child}
-    return {"threshold": config.formats.feature_format.width} | fields
+    fields = {"input": inputs, "subtrahend": inputs, "window": steps, "left": child, "right": child}
+    return {"threshold": config.threshold_format.width} | fields
 
 
 def node_words(config: AcceleratorConfig) -> int:
@@ -409,7 +409,9 @@ def forest_images(config: AcceleratorConfig, arrays: Arrays, means: list[int]) -
     window, column = np.divmod(arrays["tree_input"], config.inputs)
     leaf = (-1 - arrays["child"]) << VOTE_BITS | arrays["vote"] & vote | 1 << fields["left"] - 1
     left, right = np.where(arrays["child"] < 0, leaf, arrays["child"]).T.tolist()
-    parts = (arrays["threshold"] & (1 << fields["threshold"]) - 1).tolist(), column.tolist(), window.tolist()
+    threshold = arrays["threshold"] & (1 << fields["threshold"]) - 1
+    of_node = threshold, column, arrays["subtrahend"] % config.inputs, window
+    parts = [part.tolist() for part in of_node]
     nodes, place = [0] * config.forest.nodes, 0
     for values, bits in zip((*parts, left, right), fields.values(), strict=True):
         nodes = [node | value << place for node, value in zip(nodes, values, strict=True)]

@@ -34,9 +34,7 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     if config.is_forest:
         # a third are 0, which the features of masked taxels are
         threshold = rng.normal(0, 1.0, config.forest.nodes) * (rng.random(config.forest.nodes) > 0.33)
-        arrays |= random_forest(config, rng) | {
-            "threshold": config.formats.feature_format.quantise(threshold)
-        }
+        arrays |= random_forest(config, rng) | {"threshold": config.threshold_format.quantise(threshold)}
     for name, shape in ({} if config.is_forest else network_shapes(config, real=False)).items():
         fmt = network_formats(config)[name]
         if rng.random() < 0.25:
@@ -68,8 +66,11 @@ def random_forest(config: AcceleratorConfig, rng: np.random.Generator) -> dict[s
         level.append(level[parent] + 1)
         free += [(node, 0), (node, 1)] if level[node] < forest.depth else []
     leaf = child < 0
+    minuend, inputs = rng.integers(0, config.windows.steps * config.inputs, forest.nodes), config.inputs
+    less = minuend // inputs * inputs + rng.integers(0, inputs, forest.nodes)
     return {
-        "tree_input": rng.integers(0, config.windows.steps * config.inputs, forest.nodes),
+        "tree_input": minuend,
+        "subtrahend": np.where(rng.random(forest.nodes) < 0.5, minuend, less),
         "child": np.where(leaf, -1 - rng.integers(0, config.classes, child.shape), child),
         "vote": np.where(leaf, rng.integers(-128, 128, child.shape), 0),
     }

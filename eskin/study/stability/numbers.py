@@ -199,7 +199,7 @@ def _by_weights(bench: Bench, words: Arrays) -> np.ndarray:
 def _weight_formats(config: AcceleratorConfig) -> Mapping[str, QFormat]:
     """Formats of weights and biases, of trees of thresholds and votes."""
     formats = network_formats(config)
-    return {name: formats[name] for name in formats if name not in ("tree_input", "child")}
+    return {name: formats[name] for name in formats if name not in ("tree_input", "subtrahend", "child")}
 
 
 weight_flips = Flips(_weight_formats, lambda bench: bench.model.arrays, _by_weights, playable=True)

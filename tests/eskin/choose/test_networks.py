@@ -162,6 +162,16 @@ def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is
     assert choice.front_end == double and network_name(choice.network) == "64 trees of depth 12"
     assert tried(lambda made: 300, INSIDE)[0] == [(1, 4), (2, 4)]
     assert tried(lambda made: 400)[0] == []
+    short_of = lambda points: (
+        lambda made: 380 - points if forests(made) else 200 if made.config.recurrent else 380
+    )
+    for few_groups, points, cell in (
+        (False, 100, "linear"),
+        (True, 100, "trees"),
+        (True, 101, "linear"),  # more than a quarter of 400 behind
+    ):
+        effort = dataclasses.replace(INSIDE, few_groups=few_groups)
+        assert tried(short_of(points), effort)[1].config.network.cell == cell
     monkeypatch.setattr("eskin.choose.networks.MOST_FOREST_VALUES", 400 * single.inputs)
     assert tried(lambda made: 300, INSIDE)[0] == [(1, 4)]  # two windows are too many values
 
@@ -187,6 +197,7 @@ def test_of_two_parts_no_kind_of_fit_is_chosen():
             assert effort.by(recordings, parts) == effort
         two = effort.by(recordings, [first, second])
         assert two.fits == (AVERAGED,) and two.units == INSIDE.units and not two.sturdy
+        assert two.few_groups
     asked, taken, _ = played([CONFIG, DEAR], lambda one: 390 if one.recipe.squares else 300, effort=two)
     assert {recipe for units, _, recipe, *_ in asked if units == "linear"} == {AVERAGED}
     assert taken.recipe.averaged

@@ -108,7 +108,9 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
         (FOLLOWING, "hop = 0; hop < stop", "hop = first; hop < stop"),
         (FOLLOWING, "(k < m ? k : m - 1)", "(k < m ? k : 0)"),
         (TREES, "window < s->step ? window : s->step", "window"),
-        (TREES, "] > THRESHOLD", "] >= THRESHOLD"),
+        (TREES, "value > THRESHOLD", "value >= THRESHOLD"),
+        (TREES, "if (SUBTRAHEND[node] != INPUT[node])", "if (0)"),
+        (TREES, "if (SUBTRAHEND[node] != INPUT[node])", ""),
     ],
 )
 def test_the_comparison_finds_a_bug_in_the_c(config, right, wrong, tmp_path):

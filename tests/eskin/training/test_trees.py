@@ -64,11 +64,22 @@ def test_trees_under_disturbance_lose_taxels_and_none_sticks():
     assert robust.taxel_failure == 0 < robust.offset < linear.offset
 
 
+def test_an_offset_of_two_taxels_does_not_move_their_difference():
+    """The class depends on the difference of two taxels, and a touch to decide is offset by more than those learned from."""
+    features, rng = codes(400, 7)[0] / 256, np.random.default_rng(7)
+    labels = (features[:, 1, 2] > features[:, 1, 3]).astype(int)
+    there = np.ones(features.shape[:2])
+    config, arrays = fit_forest(CONFIG.replace(trees=40, nodes=40), features, there, labels, 1)
+    offset = rng.choice([-0.2, 0.2], (400, 1, 1))
+    decided = run_forest(config, arrays, features + offset)[1][:, -1].argmax(axis=1)
+    assert (decided == labels).mean() > 0.9
+
+
 def test_trees_stay_within_the_highest_number_of_nodes():
-    features, _ = codes(400, 6)
-    inputs = (features / 256).reshape(400, -1)
+    features, _ = codes(600, 6)
+    inputs = (features / 256).reshape(600, -1)
     labels, deep = (
-        np.random.default_rng(6).integers(0, 2, 400),
+        np.random.default_rng(6).integers(0, 2, 600),
         CONFIG.replace(trees=120, depth=16, nodes=120),
     )
     sized, _ = fit_forest(deep, features / 256, np.ones(features.shape[:2]), labels, 1)

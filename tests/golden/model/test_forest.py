@@ -56,6 +56,7 @@ def test_a_stream_decides_as_the_whole_recording():
     "name, place, value, words",
     [
         ("tree_input", 3, 16, "array tree_input: names an input outside 0..15"),
+        ("subtrahend", 3, 17, "array subtrahend: names no input of the window of tree_input"),
         ("child", (7, 0), 7, "array child: names neither a later node"),
         ("child", (7, 1), 40, "array child: names neither a later node below 40"),
         ("child", (7, 1), -4, "nor a class, -1 to -3"),
