@@ -346,7 +346,7 @@ class Engine(wiring.Component):
         # A large memory has one port, which the host's write takes: it restarts the engine, so the read
         # that it displaces is not used.
         large = lanes_in_large_memories(config, platform, plan.weight_depth)
-        port_address = Signal(range(plan.weight_depth))
+        port_address = Signal.like(weight_address)
         if large:
             m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
