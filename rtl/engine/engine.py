@@ -284,8 +284,7 @@ class Engine(wiring.Component):
         drive(
             m,
             slot_read,
-            addr=word.window
-            | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1]),
+            addr=word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[-1]),
             en=enable,
         )
         return slot_read.data

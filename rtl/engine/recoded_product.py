@@ -3,8 +3,8 @@
 from amaranth.hdl import Cat, Const, Value
 
 
-def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
-    """``base + a * b`` modulo ``2 ** bits``, for signed values.
+def sum_with_product(base: Value, a: Value, b: Value) -> Value:
+    """``base + a * b`` of signed values.
 
     ``b`` is a sum of digits -2..2 times powers of 4 (A. D. Booth, 1951; O. L. MacSorley, 1961), so there are
     half as many addends as bits. A digit 0 leaves the sum unchanged, and small numbers of either sign begin
@@ -24,9 +24,9 @@ def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
         negative = high & ~(middle & low)
         size = Cat(a, a[-1]) & once.replicate(width) | Cat(Const(0, 1), a) & twice.replicate(width)
         addend = size ^ negative.replicate(width)
-        total = total + Cat(below, addend[:-1], ~addend[-1])[:bits]
+        total = total + Cat(below, addend[:-1], ~addend[-1])
         below = Cat(Const(0, place), negative, Const(0, 1))
         negatives -= 1 << place + width - 1
-    constant = Const(negatives, bits)
+    constant = Const(negatives)
     # The constant is 0 below the lowest sign bit. The last one mostly lies there, so one addend holds both.
-    return (total + (constant | below) if width - 1 > place else total + constant + below)[:bits]
+    return total + (constant | below) if width - 1 > place else total + constant + below

@@ -14,7 +14,7 @@ def sums(a_bits: int, b_bits: int, bits: int, cases) -> list[int]:
     m = Module()
     a, b = Signal(signed(a_bits)), Signal(signed(b_bits))
     base, total = Signal(signed(bits)), Signal(signed(bits))
-    m.d.comb += total.eq(sum_with_product(base, a, b, bits))
+    m.d.comb += total.eq(sum_with_product(base, a, b))
     found = []
 
     async def play(ctx):
