@@ -38,12 +38,12 @@ def longest(m: Module) -> None:
     counts, ends = before(counted & ~stops, "counts_now"), before(ended, "ends_now")
     m.d.sync += elapsed.eq(Mux(ends | stops, 0, elapsed + counts))
     whole = Signal(init=1)  # nothing was forgotten since the count began
-    m.d.sync += whole.eq(ends | stops | (whole & ~dut.forget))
+    m.d.sync += whole.eq(ends | stops | whole & ~dut.forget)
     prove(dut.elapsed == elapsed, "cycles of what is measured, an event a cycle late")
     prove(
         (dut.counts == counts) & (dut.ends == ends) & (dut.in_frame == open_before), "the counter's own state"
     )
-    prove(dut.awake == (dut.counts | (dut.ends ^ ended)), "an edge counts, or an end comes or goes")
+    prove(dut.awake == (dut.counts | dut.ends ^ ended), "an edge counts, or an end comes or goes")
     prove(~whole | (dut.longest >= elapsed), "the longest is at least as long")
     was, grows = before(dut.longest, "longest_before"), before(counts & (elapsed == dut.longest), "grows")
     prove(
