@@ -173,6 +173,22 @@ def test_bit_exact_with_stalls(lanes):
     check_exact(model, windows(model.config, touches=2, seed=lanes), stall=0.3, seed=lanes)
 
 
+def test_a_window_in_its_buffer_has_its_own_flags():
+    whole = dict(window_mode="whole", pretrigger_frames=0, decision="last")
+    dut, windows = WindowQueue(small("gru", "before", 3, **whole), 3), [(0, 1), (1, 0)]
+
+    async def bench(ctx):
+        for partial, final in windows:
+            put(ctx, dut.i, valid=1, payload={"last": 1, "partial": partial, "final": final})
+            await ctx.tick().until(dut.i.ready)
+        for window in windows:
+            assert (ctx.get(dut.partial), ctx.get(dut.final)) == window
+            put(ctx, dut, released=1)
+            await ctx.tick()
+
+    simulate(dut, bench)
+
+
 def test_a_step_is_open_from_its_start_to_its_end():
     dut, seen = WindowQueue(small("gru", "before", 3), 3), []
 
