@@ -37,8 +37,8 @@ def test_every_code_at_its_taxel(fields, first):
     rng = random.Random(first)
     table = [rng.getrandbits(fields.get("bits", 20)) for _ in range(33)]
     frames, chip = play(2, lambda channel: table[channel], **fields)
-    expected = {taxel: table[first + taxel] for taxel in range(5)}
-    assert [frame[:3] for frame in frames] == [(expected, ConverterFault(0), False)] * 2
+    expected = dict(enumerate(table[first : first + 5])), ConverterFault(0), False
+    assert [frame[:3] for frame in frames] == [expected] * 2
     assert chip.configurations == [7 << 9 | (fields.get("bits", 20) == 20) << 8 | 1 << 7]
     assert len(chip.conv_edges) == WARM_UP + 2
     assert {after - before for before, after in pairwise(chip.conv_edges)} == {PERIOD}

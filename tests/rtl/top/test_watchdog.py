@@ -142,16 +142,12 @@ def test_what_stands_still_is_found(monkeypatch):
     assert flags == [Fault.WATCHDOG] * 2
 
 
-TAUGHT = dict(readout="prototypes", taught=2, state_code_bits=4, state_code_shift=9)
-
-
 @each_row(
     "config, wait",
     [
         (CONFIGS["thesis"], 775),
-        (CONFIGS["tracked, free"], 748),
         (small("gru", "before", 2, window_mode="whole", pretrigger_frames=0, decision="last"), 721),
-        (PRESETS["pvdf"].with_readout(**TAUGHT), 4864),
+        (PRESETS["pvdf"].with_readout(readout="prototypes", taught=2), 4864),
         (forest(), 672),
         (AcceleratorConfig.of_image(4, 32, ["conv 3 2", "dense 2"], ("a", "b")), 1482),
     ],
