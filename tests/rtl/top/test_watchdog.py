@@ -145,7 +145,6 @@ def test_what_stands_still_is_found(monkeypatch):
 @each_row(
     "config, wait",
     [
-        (CONFIGS["thesis"], 775),
         (small("gru", "before", 2, window_mode="whole", pretrigger_frames=0, decision="last"), 721),
         (PRESETS["pvdf"].with_readout(readout="prototypes", taught=2), 4864),
         (forest(), 672),
