@@ -469,8 +469,8 @@ class _AddendMemory(wiring.Component):
         part, entry = self._loaded_entry(m, loads)
         style = addends_memory(self._config, platform)
         for number, name in enumerate(names):
-            bits = slice(16 * number, min(16 * number + 16, self._config.accumulator_bits))
-            width = bits.stop - bits.start
+            bits = slice(16 * number, 16 * number + 16)
+            width = len(self.write_data[bits])  # of the last part only what is left
             init = [word >> bits.start & (1 << width) - 1 for word in self._image]
             memory = Memory(shape=width, depth=self._plan.addend_words, init=init, attrs=style)
             m.submodules[name] = memory
