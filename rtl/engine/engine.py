@@ -470,7 +470,7 @@ class _AddendMemory(wiring.Component):
         style = addends_memory(self._config, platform)
         for number, name in enumerate(names):
             bits = slice(16 * number, 16 * number + 16)
-            width = len(self.write_data[bits])  # of the last part only what is left
+            width = len(self.write_data[bits])  # the last part is shorter
             init = [word >> bits.start & (1 << width) - 1 for word in self._image]
             memory = Memory(shape=width, depth=self._plan.addend_words, init=init, attrs=style)
             m.submodules[name] = memory
