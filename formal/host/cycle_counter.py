@@ -5,8 +5,6 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.rtl.host.cycle_counter import COUNTER_BITS, CycleCounter
 from formal.proof import Bug, before, placed_free, proof, prove
 
-MOST = (1 << COUNTER_BITS) - 1
-
 
 @proof(
     "the longest is at least what is counted and grows with it only, one by one up to 65535, for anything "
@@ -40,16 +38,20 @@ def longest(m: Module) -> None:
     counts, ends = before(counted & ~stops, "counts_now"), before(ended, "ends_now")
     m.d.sync += elapsed.eq(Mux(ends | stops, 0, elapsed + counts))
     whole = Signal(init=1)  # nothing was forgotten since the count began
-    m.d.sync += whole.eq(ends | stops | (whole & ~dut.forget))
+    m.d.sync += whole.eq(ends | stops | whole & ~dut.forget)
     prove(dut.elapsed == elapsed, "cycles of what is measured, an event a cycle late")
     prove(
         (dut.counts == counts) & (dut.ends == ends) & (dut.in_frame == open_before), "the counter's own state"
     )
+    prove(dut.awake == (dut.counts | dut.ends ^ ended), "an edge counts, or an end comes or goes")
     prove(~whole | (dut.longest >= elapsed), "the longest is at least as long")
     was, grows = before(dut.longest, "longest_before"), before(counts & (elapsed == dut.longest), "grows")
-    forgotten = before(dut.forget, "forgotten")
     prove(
-        Mux(forgotten, dut.longest == 0, dut.longest == Mux(grows & (was != MOST), was + 1, was))
+        Mux(
+            before(dut.forget, "forgotten"),
+            dut.longest == 0,
+            dut.longest == Mux(grows & ~was.all(), was + 1, was),
+        )
         | (whole & (was == 0) & ~grows),
         "one by one",
     )

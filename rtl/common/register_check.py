@@ -14,7 +14,7 @@ def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Valu
     parity = Signal(init=register.init.bit_count() & 1, name=f"{register.name}_parity")
     with m.If(write):
         m.d.sync += parity.eq(data[: len(register)].xor())
-    return Cat(register, parity).xor()
+    return register.xor() ^ parity
 
 
 def at_end(config: AcceleratorConfig, select: Value, address: Value) -> Value:

@@ -284,8 +284,7 @@ class Engine(wiring.Component):
         drive(
             m,
             slot_read,
-            addr=word.window
-            | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1]),
+            addr=word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[-1]),
             en=enable,
         )
         return slot_read.data
@@ -346,7 +345,7 @@ class Engine(wiring.Component):
         # A large memory has one port, which the host's write takes: it restarts the engine, so the read
         # that it displaces is not used.
         large = lanes_in_large_memories(config, platform, plan.weight_depth)
-        port_address = Signal(range(plan.weight_depth))
+        port_address = Signal.like(weight_address)
         if large:
             m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
@@ -470,8 +469,8 @@ class _AddendMemory(wiring.Component):
         part, entry = self._loaded_entry(m, loads)
         style = addends_memory(self._config, platform)
         for number, name in enumerate(names):
-            bits = slice(16 * number, min(16 * number + 16, self._config.accumulator_bits))
-            width = bits.stop - bits.start
+            bits = slice(16 * number, 16 * number + 16)
+            width = len(self.write_data[bits])  # the last part is shorter
             init = [word >> bits.start & (1 << width) - 1 for word in self._image]
             memory = Memory(shape=width, depth=self._plan.addend_words, init=init, attrs=style)
             m.submodules[name] = memory

@@ -55,11 +55,9 @@ class ForestEngine(wiring.Component):
         counts = dict(
             number=classes, column=inputs, turn=SCALING_CYCLES, tree=forest.trees, visit=forest.depth
         )
-        counters = self.counters = {
-            name: Signal(range(max(count, 2)), name=name) for name, count in counts.items()
-        }
+        counters = self.counters = {name: Signal(range(count), name=name) for name, count in counts.items()}
         number, column, turn, tree, visit = counters.values()
-        step = Signal(range(max(steps, 2)))
+        step = Signal(range(steps))
         # a comparison: its node is read while this is low, its feature while it is high
         looks = self.looks = Signal()
         final = Signal()

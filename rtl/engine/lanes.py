@@ -86,9 +86,7 @@ class PlainLane(wiring.Component):
         m.d.comb += self.acc.eq(total)
         base = Mux(self.swap, load, total) if self.signature.accumulates else load
         with m.If(self.tick & (counts | self.swap)):
-            m.d.sync += total.eq(
-                sum_with_product(base, a, b, len(total)) if platform == CHIP else base + a * b
-            )
+            m.d.sync += total.eq(sum_with_product(base, a, b) if platform == CHIP else base + a * b)
         return m
 
 

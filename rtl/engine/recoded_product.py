@@ -3,8 +3,8 @@
 from amaranth.hdl import Cat, Const, Value
 
 
-def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
-    """``base + a * b`` modulo ``2 ** bits``, for signed values.
+def sum_with_product(base: Value, a: Value, b: Value) -> Value:
+    """``base + a * b`` of signed values.
 
     ``b`` is a sum of digits -2..2 times powers of 4 (A. D. Booth, 1951; O. L. MacSorley, 1961), so there are
     half as many addends as bits. A digit 0 leaves the sum unchanged, and small numbers of either sign begin
@@ -17,22 +17,16 @@ def sum_with_product(base: Value, a: Value, b: Value, bits: int) -> Value:
     """
     width = len(a) + 1
     padded = Cat(Const(0, 1), b, b[-1])
-    rows, ones = [], []
-    negatives = 0
+    total, below, negatives = base, Cat(), 0
     for place in range(0, len(b), 2):
         low, middle, high = padded[place], padded[place + 1], padded[place + 2]
         once, twice = low ^ middle, (high & ~middle & ~low) | (~high & middle & low)
         negative = high & ~(middle & low)
         size = Cat(a, a[-1]) & once.replicate(width) | Cat(Const(0, 1), a) & twice.replicate(width)
         addend = size ^ negative.replicate(width)
-        rows.append((place, Cat(addend[:-1], ~addend[-1])))
-        ones.append(negative)
+        total = total + Cat(below, addend[:-1], ~addend[-1])
+        below = Cat(Const(0, place), negative, Const(0, 1))
         negatives -= 1 << place + width - 1
-    total = base
-    for number, (place, addend) in enumerate(rows):
-        below = Cat(Const(0, place - 2), ones[number - 1], Const(0, 1)) if number else Const(0, 0)
-        total = total + Cat(below, addend)[:bits]
-    last, constant = rows[-1][0], Const(negatives, bits)
-    last_one = Cat(Const(0, last), ones[-1])
+    constant = Const(negatives)
     # The constant is 0 below the lowest sign bit. The last one mostly lies there, so one addend holds both.
-    return (total + (constant | last_one) if width - 1 > last else total + constant + last_one)[:bits]
+    return total + (constant | below) if width - 1 > place else total + constant + below

@@ -22,7 +22,6 @@ from eskin.rtl.common import (
     window_layout,
     wrapping_increment,
 )
-from eskin.rtl.program.timing import STATE_BEATS
 
 EARLIEST = {"mean": 0, "activity": 1, "integral": 2, "highest": 1, "lowest": 1}
 """First cycle, counted from the cycle that sees a deviation, in which the beat of each kind can be made."""
@@ -98,9 +97,8 @@ class FeatureExpander(Block):
         at_last = reaches(taxel, config.sensor.taxels - 1)
         taken = Signal()
         frame_taken = Signal()
-        small = config.sensor.taxels < STATE_BEATS
-        gap = frame_gap(m, config.sensor.taxels, frame_taken) if small else None
-        free = advance if gap is None else advance & ~gap
+        gap = frame_gap(m, config.sensor.taxels, frame_taken)
+        free = advance & ~gap
         m.d.comb += [
             self.frame_last.eq(at_last),
             advance.eq(~self.o.valid | self.o.ready),
@@ -203,8 +201,8 @@ class FeatureExpander(Block):
             taxel_next = wrapping_increment(taxel, config.sensor.taxels)
             m.d.sync += written.eq(step & (slot == 0))
             m.d.comb += [
-                read.addr.eq(taxel_next if gap is None else Mux(gap, taxel, taxel_next)),
-                read.en.eq(taken if gap is None else taken | gap),
+                read.addr.eq(Mux(gap, taxel, taxel_next)),
+                read.en.eq(taken | gap),
                 *(present_state[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
                 write.en.eq(written),
@@ -212,9 +210,7 @@ class FeatureExpander(Block):
             ]
             with m.If(step & (slot == 0)):
                 m.d.sync += taxel_of_fresh.eq(taxel)
-        m.d.comb += self.holds.eq(
-            Cat(self.o.valid, written if fields else 0, 0 if gap is None else gap).any()
-        )
+        m.d.comb += self.holds.eq(Cat(self.o.valid, written if fields else 0, gap).any())
 
         # --- beats: each in its slot
         complement = {"mean": self.i.p.complement}

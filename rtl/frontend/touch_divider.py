@@ -154,7 +154,7 @@ class TouchDivider(Block):
             step=adds | arrived,
             alone=adds & Mux(second_kind, begins_block, begins),
             word=read.data[:sum_bits].as_signed(),
-            addend=Mux(adds, self.i.p.complement, total | first.replicate(bits).as_signed()),
+            addend=Mux(adds, self.i.p.complement, total | first.as_signed()),
         )
         farthest = {}  # complements: the highest deviation has the least
         for number, name in enumerate(extremes):

@@ -20,7 +20,6 @@ from eskin.rtl.common import (
     wrapping_increment,
 )
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
-from eskin.rtl.program.timing import STATE_BEATS
 
 
 class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
@@ -122,9 +121,8 @@ class WindowAverager(Block):
             ]
         at_last = reaches(index, config.sensor.taxels - 1) & last_kind
         pass_ends = beat_done & at_last
-        small = config.sensor.taxels < STATE_BEATS
-        gap = frame_gap(m, config.sensor.taxels, step & pass_ends) if small else None
-        free = advance if gap is None else advance & ~gap
+        gap = frame_gap(m, config.sensor.taxels, step & pass_ends)
+        free = advance & ~gap
         m.d.comb += [
             advance.eq(~self.o.valid | self.o.ready),
             step.eq(free & (self.i.valid | draining)),
@@ -173,12 +171,7 @@ class WindowAverager(Block):
         bank = Signal(name="bank")
         fresh = Signal()
         word_next = Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))
-        drive(
-            m,
-            read,
-            addr=word_next if gap is None else Mux(gap, Cat(kind, index, parity), word_next),
-            en=step if gap is None else step | gap,
-        )
+        drive(m, read, addr=Mux(gap, Cat(kind, index, parity), word_next), en=step | gap)
         drive(
             m,
             write,
@@ -189,10 +182,9 @@ class WindowAverager(Block):
         m.d.comb += self.o.p.complement.eq(total)
         newest = ~operation.as_value()[0]
         m.d.sync += fresh.eq(step & newest & ~draining)
-        m.d.comb += self.holds.eq(Cat(fresh, self.o.valid, draining, gap if small else 0).any())
+        m.d.comb += self.holds.eq(Cat(fresh, self.o.valid, draining, gap).any())
         addend = Signal(signed(bits))
-        nothing = draining.replicate(len(self.i.p.complement)).as_signed()
-        m.d.comb += addend.eq(Mux(newest, self.i.p.complement | nothing, total))
+        m.d.comb += addend.eq(Mux(newest, self.i.p.complement | draining.as_signed(), total))
         drive(m, adder, step=step, alone=alone, word=read.data[:bits], addend=addend)
         with m.If(step):
             m.d.sync += [

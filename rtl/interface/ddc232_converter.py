@@ -18,8 +18,8 @@ from eskin.golden.core.converters.ddc232 import (
 from eskin.rtl.common import drive, inputs, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 
-EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
-"""First bits of the readback, which are compared; the revision is not."""
+REPEATED_BITS = READBACK_BITS - CONFIGURATION_BITS - REVISION_BITS - PATTERN_BITS
+"""Last bits of the readback, which are not compared; nor is the revision."""
 
 DDC_PINS = wiring.Signature(
     outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk") | inputs("dvalid_n", "dout")
@@ -75,9 +75,9 @@ class Ddc232Converter(wiring.Component):
 
         # ---------------------------------------------------------------- the states' counters
         timer = Signal(range(max(plan.wait, plan.deadline, plan.half) + 1), init=plan.wait)
-        place = Signal(range(2 * READBACK_BITS + 2))  # half periods to go: even ones have the clock high
+        place = Signal(range(2 * READBACK_BITS + 1))  # half periods to go: odd ones have the clock high
         over = timer == 0
-        warm = Signal(range(WARM_UP + 1), init=WARM_UP)
+        warm = Signal(range(WARM_UP + 1))
         shift = Signal(max(bits, CONFIGURATION_BITS))
         left = Signal(range(bits))
         word = Signal(range(words))
@@ -87,15 +87,19 @@ class Ddc232Converter(wiring.Component):
         code_due = Signal()
         m.d.sync += timer.eq(timer - ~over)
         halves_over = (place == 0) & over
-        falling = over & ~place[0]  # the data clock's high half ends; or all of them have
-        expected = Const(plan.configuration << (REVISION_BITS + PATTERN_BITS) | PATTERN, EXPECTED_BITS)
-        looked_at = Const(
-            (1 << EXPECTED_BITS) - 1 ^ ((1 << REVISION_BITS) - 1) << PATTERN_BITS, EXPECTED_BITS
+        falling = over & place[0]  # the data clock's high half ends
+        expected, looked_at = (
+            Cat(
+                Const(pattern, PATTERN_BITS),
+                Const(0, REVISION_BITS),
+                Const(configuration, CONFIGURATION_BITS),
+            )
+            for pattern, configuration in ((PATTERN, plan.configuration), (-1, -1))
         )
-        index = Signal(range(READBACK_BITS + 1))  # of the readback's bits, from its end
-        from_end = Signal(range(EXPECTED_BITS))
-        m.d.comb += [index.eq(place >> 1), from_end.eq(index - 1 - (READBACK_BITS - EXPECTED_BITS))]
-        checked = (index > READBACK_BITS - EXPECTED_BITS) & looked_at.bit_select(from_end, 1)
+        index = place[1:]  # of the readback's bits, from its end
+        from_end = Signal(range(len(expected)))
+        m.d.comb += from_end.eq(index - REPEATED_BITS)
+        checked = (index >= REPEATED_BITS) & looked_at.bit_select(from_end, 1)
 
         wired = Array([Const(taxel is not None, 1) for taxel in plan.places])[word]
         taxel = Array([Const(taxel or 0, len(self.put.place)) for taxel in plan.places])[word]
@@ -110,33 +114,33 @@ class Ddc232Converter(wiring.Component):
 
         def clocked(bit_clock):
             with m.If(over & (place != 0)):
-                m.d.sync += [place.eq(place - 1), wait(plan.half), bit_clock.eq(place[0] & (place != 1))]
+                m.d.sync += [place.eq(place - 1), wait(plan.half), bit_clock.eq(~place[0])]
 
         def failed(fault: ConverterFault):
             drive(m, self, finished=1, fault=int(fault))
-            m.d.sync += [wait(plan.wait), warm.eq(WARM_UP)]
+            m.d.sync += wait(plan.wait)
             m.next = "reset"
 
         with m.FSM(init="reset") as states:
             with m.State("reset"):
-                m.d.sync += pins.reset_n.eq(0)  # both data clocks are low
+                m.d.sync += [pins.reset_n.eq(0), warm.eq(WARM_UP)]  # both data clocks are low
                 with m.If(over):
                     m.d.sync += wait(plan.wait)
                     m.next = "wake"
             with m.State("wake"):
                 m.d.sync += pins.reset_n.eq(1)
                 with m.If(over):
-                    m.d.sync += [*halves(2 * CONFIGURATION_BITS + 1), shift.eq(plan.configuration)]
+                    m.d.sync += [*halves(2 * CONFIGURATION_BITS), shift.eq(plan.configuration)]
                     m.next = "write"
             with m.State("write"):  # the bit stands from the clock's rise on and is taken at its fall
                 clocked(pins.clk_cfg)
-                with m.If(over & place[0] & (place != 1)):
+                with m.If(over & ~place[0] & (place != 0)):
                     m.d.sync += [pins.din_cfg.eq(shift[CONFIGURATION_BITS - 1]), shift.eq(shift << 1)]
                 with m.If(halves_over):
                     m.d.sync += wait(plan.wait)
                     m.next = "latch"
             with m.State("latch"), m.If(over):
-                m.d.sync += [*halves(2 * READBACK_BITS + 1), wrong.eq(0)]
+                m.d.sync += [*halves(2 * READBACK_BITS), wrong.eq(0)]
                 m.next = "check"
             with m.State("check"):
                 clocked(pins.dclk)
@@ -164,7 +168,7 @@ class Ddc232Converter(wiring.Component):
             with m.State("wait"):
                 # one that is earlier belongs to the edge before
                 with m.If(falls & (timer < plan.deadline - 4 - plan.quiet)):
-                    m.d.sync += halves(2 * bits * words + 1)
+                    m.d.sync += halves(2 * bits * words)
                     m.next = "read"
                 with m.Elif(over):
                     failed(ConverterFault.SILENT)
@@ -187,10 +191,5 @@ class Ddc232Converter(wiring.Component):
                         m.d.comb += self.finished.eq(1)
                         m.next = "idle"
         reading = states.ongoing("wait") | states.ongoing("read")
-        drive(
-            m,
-            self,
-            busy=~states.ongoing("idle"),
-            away=~reading & (~states.ongoing("idle") | (warm != 0) | ~over),
-        )
+        drive(m, self, busy=~states.ongoing("idle"), away=~reading & ((warm != 0) | ~over))
         return m

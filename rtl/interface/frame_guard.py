@@ -62,7 +62,7 @@ class FrameGuard(Block):
         drive(m, self.o.p, sample=read.data, first=place == 0, last=place == taxels - 1)
         m.d.sync += spoilt.eq((spoilt | self.late) & ~self.finished)
         with m.If(~self.handing):
-            m.d.sync += [self.handing.eq(self.finished & ~self.broken), place.eq(0), read_yet.eq(0)]
+            m.d.sync += [self.handing.eq(self.finished & ~self.broken), place.eq(0)]
         with m.Elif(~read_yet):
             m.d.sync += read_yet.eq(1)
         with m.Elif(self.o.ready):

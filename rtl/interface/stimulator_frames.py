@@ -93,7 +93,7 @@ class StimulatorFrames(wiring.Component):
                     else:
                         value = held[{"SD": "delay", "SF": "frequency", "SW": "width"}[name]]
                         high, low = BODIES[name] - 2, BODIES[name] - 1
-                        m.d.comb += body.eq(Mux(index == low, value[:8], Mux(index == high, value[8:], 0)))
+                        m.d.comb += body.eq(Mux(index == low, value, Mux(index == high, value[8:], 0)))
         heads = [f">{name};".encode() for name in BODIES] + [b">ON<", b">OFF"]
         head = Array([Array([Const(byte, 8) for byte in text]) for text in heads])[frame][place[:2]]
         lasts = Array([Const(4 + size) for size in BODIES.values()] + [Const(3), Const(4)])

@@ -58,7 +58,7 @@ class TouchPosition(Block):
         span = self.spec.sample_format
         top = span.max_code - span.min_code
         height = Signal(up_to(top))
-        m.d.comb += height.eq(Mux(above > interface.position_threshold, above[: len(sample)], 0))
+        m.d.comb += height.eq(Mux(above > interface.position_threshold, above, 0))
 
         # ---------------------------------------------------------------- one frame's sums; widths: all cells at the top
         total = Signal(up_to(cells * top))

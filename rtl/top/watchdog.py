@@ -26,11 +26,8 @@ def longest_wait(config: AcceleratorConfig) -> int:
     else:
         code = Microcode(schedule(config))
         step = code.idle_words + len(code.slots)
-    ring = (
-        (config.ring_frames + 2) * frame_cycles(config)
-        if config.windows.window_mode == "touch"
-        else 2 * frame_cycles(config)
-    )
+    ring_frames = config.ring_frames if config.windows.window_mode == "touch" else 0
+    ring = (ring_frames + 2) * frame_cycles(config)
     if config.follows_touch:
         ring += int(leaving_cycles(config))
     pass_cycles = prototype_words(config) + config.windows.steps if config.readout_rule.taught else 0

@@ -34,7 +34,7 @@ def play_frames(
     bench._sim.add_testbench(chip.play, background=True)
 
     async def drive(ctx):
-        begun, start, busy, away, away_before, put = 0, False, False, True, False, dut.put
+        begun, due, start, busy, away, away_before, put = 0, 0, False, False, True, False, dut.put
         ticks = aiter(
             ctx.tick().sample(dut.busy, dut.away, put.valid, put.place, put.code, dut.finished, dut.fault)
         )
@@ -46,6 +46,7 @@ def play_frames(
             begun = bench.cycle if start else begun
             _, _, busy, away, valid, place, code, finished, fault = await anext(ticks)
             away_before = away if start else away_before
+            due += start and not away
             if valid:
                 assert place not in codes
                 codes[place] = code
@@ -56,6 +57,7 @@ def play_frames(
                 )
                 codes.clear()
                 between(len(ended))
+        assert due == sum(not frame.away for frame in ended)
         ctx.set(dut.start, 0)
         await ctx.tick().repeat(150)
         assert ctx.get(dut.away) or not ctx.get(dut.busy), "no frame begins unasked"

@@ -104,22 +104,17 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     dut = EngineBench(config, memory_images(config, model.arrays))
     bench = Bench(dut, seed=seed, quiet=500 + step_cycles(config), max_cycles=60_000)
     engine = dut.engine
-    seen = {"feature": [], "state": [], "logit": [], "started": [], "slots": []}
+    seen = {"feature": [], "state": [], "logit": [], "started": [], "step": []}
     bench.drive(dut.i, beats(config, centred), stall=stall)
     decisions = bench.collect(dut.o, stall=stall)
 
     async def monitor(ctx):
-        logit, feature, state = engine.logit, engine.feature, engine.state
-        taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
-        taps += [engine.started, engine.step.valid, engine.step.value, engine.check_failed]
-        async for _, _, lv, l, fv, f, sv, s, started, done, slots, wrong in ctx.tick().sample(*taps):
+        ports = {name: getattr(engine, name) for name in ("logit", "feature", "state", "step")}
+        taps = [signal for port in ports.values() for signal in (port.valid, port.value)]
+        ticks = ctx.tick().sample(engine.started, engine.check_failed, *taps)
+        async for _, _, started, wrong, *now in ticks:
             assert not wrong, "every word is the image's"
-            for name, valid, value in (
-                ("logit", lv, l),
-                ("feature", fv, f),
-                ("state", sv, s),
-                ("slots", done, slots),
-            ):
+            for name, valid, value in zip(ports, now[::2], now[1::2], strict=True):
                 if valid:
                     seen[name].append(int(value))
             if started:
@@ -163,7 +158,7 @@ def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
     assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [decision_cycles(config)] * len(
         local
     )
-    assert set(seen["slots"]) == {step_cycles(config)}
+    assert set(seen["step"]) == {step_cycles(config)}
 
 
 @pytest.mark.parametrize("lanes", [3, 12])
@@ -171,6 +166,22 @@ def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)
     model = random_integer_model(config, seed=lanes)
     check_exact(model, windows(model.config, touches=2, seed=lanes), stall=0.3, seed=lanes)
+
+
+def test_a_window_in_its_buffer_has_its_own_flags():
+    whole = dict(window_mode="whole", pretrigger_frames=0, decision="last")
+    dut, windows = WindowQueue(small("gru", "before", 3, **whole), 3), [(0, 1), (1, 0)]
+
+    async def bench(ctx):
+        for partial, final in windows:
+            put(ctx, dut.i, valid=1, payload={"last": 1, "partial": partial, "final": final})
+            await ctx.tick().until(dut.i.ready)
+        for window in windows:
+            assert (ctx.get(dut.partial), ctx.get(dut.final)) == window
+            put(ctx, dut, released=1)
+            await ctx.tick()
+
+    simulate(dut, bench)
 
 
 def test_a_step_is_open_from_its_start_to_its_end():

@@ -107,16 +107,19 @@ def test_an_address_has_a_pin_for_each_bit_and_one_at_least():
     assert addresses == ["pins__row[0]", "pins__row[1]", "pins__column"]
 
 
-@each_row("level, fault", [(0, ConverterFault.STUCK), (0xFFFF, ConverterFault.STUCK | ConverterFault.ORDER)])
-def test_a_stuck_line_is_a_fault(level, fault):
-    assert play(lambda cell: level, 1)[0][0].fault == fault
+@each_row(
+    "codes, fault",
+    [
+        ([0] * 15, ConverterFault.STUCK),
+        ([0xFFFF] * 15, ConverterFault.STUCK | ConverterFault.ORDER),
+        ([0, *[700] * 13, 4095], ConverterFault(0)),
+    ],
+)
+def test_a_stuck_line_is_a_fault_and_one_cell_at_its_end_is_none(codes, fault):
+    assert play(codes.__getitem__, 1)[0][0].fault == fault
 
 
 def test_a_leading_bit_that_is_not_zero_is_a_fault_of_that_frame_alone():
     bad = iter([*[0] * 14, 1, 1, *[0] * 29])  # the last cell of the first frame, the first of the second
     frames, _ = play(lambda cell: 700 | next(bad) << 13, 3)
     assert [frame.fault for frame in frames] == [ConverterFault.ORDER] * 2 + [ConverterFault(0)]
-
-
-def test_one_cell_at_its_end_is_no_fault():
-    assert not play([0, *[700] * 13, 4095].__getitem__, 1)[0][0].fault

@@ -101,7 +101,7 @@ def test_what_is_wrong_with_a_chip_is_told_and_all_are_set_up_anew(config):
 
 
 def test_the_chip_has_its_time_before_its_first_data():
-    early, late = (play(SMALL, 1, lambda address: [700] * 12, first=first)[0][0].end for first in (50, 500))
+    early, late = (play(SMALL, 1, lambda address: REST, first=first)[0][0].end for first in (50, 500))
     assert late - early == 450
     plan = converter_plan(SMALL.replace(converter=dict(name="mpr121", hz=1e5)), 12e6)
     assert (plan.quarter, plan.reset, plan.first) == (30, 12_000, 120_000)
@@ -109,7 +109,7 @@ def test_the_chip_has_its_time_before_its_first_data():
         SMALL.replace(sample_rate_hz=10.0), 12e6
     ).sleeping  # a sample in 16 ms, four within 90
     assert (rare.first, rare.interval) == (16 * 120_000, 4)
-    chip = play(SMALL, 1, lambda address: [700] * 12, interval=4)[1]
+    chip = play(SMALL, 1, lambda address: REST, interval=4)[1]
     assert (0x5A, 0x5D, 0x24) in chip.written
 
 

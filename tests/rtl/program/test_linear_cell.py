@@ -34,10 +34,10 @@ def bound(config: AcceleratorConfig) -> int:
 
 @pytest.mark.parametrize(
     "inputs, classes, lanes, lane_type",
-    [(8, 5, 1, "plain"), (8, 5, 4, "dsp"), (8, 5, 6, "plain"), (5, 3, 1, "dsp"), (9, 11, 4, "plain")],
+    [(8, 5, 1, "plain"), (8, 5, 4, "dsp"), (11, 5, 6, "plain"), (5, 3, 1, "dsp"), (9, 11, 4, "plain")],
 )
 def test_bit_exact_in_cycles(inputs, classes, lanes, lane_type):
-    """Groups of rows that fill 4 and 6 lanes and do not, and one group alone."""
+    """Groups of rows that fill 4 and 6 lanes and do not, and one group alone; 33 words of weights."""
     config = linear(
         lanes,
         classes=classes,

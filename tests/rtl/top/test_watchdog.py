@@ -4,15 +4,18 @@ longest wait there is."""
 import pytest
 from amaranth.hdl import EnableInserter, ResetInserter, Signal
 
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
+from tests.rtl.engine.test_engine import small
+from tests.rtl.engine.test_forest import forest
 from tests.rtl.engine.test_memory_check import touch_data
 from tests.rtl.top.test_accelerator import CONFIGS, SEED, Host, check, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, give_frame, put
+from tests.support.table import each_row
 
 
 def test_it_acts_at_the_bound_and_counts_anew_after_progress():
@@ -137,6 +140,20 @@ def test_what_stands_still_is_found(monkeypatch):
     bench.process(drive)
     bench.run()
     assert flags == [Fault.WATCHDOG] * 2
+
+
+@each_row(
+    "config, wait",
+    [
+        (small("gru", "before", 2, window_mode="whole", pretrigger_frames=0, decision="last"), 721),
+        (PRESETS["pvdf"].with_readout(readout="prototypes", taught=2), 4864),
+        (forest(), 672),
+        (AcceleratorConfig.of_image(4, 32, ["conv 3 2", "dense 2"], ("a", "b")), 1482),
+    ],
+)
+def test_the_longest_wait_of_every_kind_of_design(config, wait):
+    """Figures by docs/specification_interfaces.md, section 11."""
+    assert longest_wait(config) == wait
 
 
 def test_the_bound_is_short_against_a_frame_of_the_presets():
