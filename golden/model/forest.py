@@ -61,9 +61,9 @@ def run_forest(
     for root in range(config.forest.trees):
         rows, node = np.arange(len(touch)), np.full(len(touch), root)  # walks under way
         while len(rows):
-            taken = features[touch[rows], np.minimum(window[node], step[rows])]
+            compared = features[touch[rows], np.minimum(window[node], step[rows])]
             row = np.arange(len(rows))
-            value = taken[row, column[node]] - np.where(single[node], 0, taken[row, less[node]])
+            value = compared[row, column[node]] - np.where(single[node], 0, compared[row, less[node]])
             side = (value > threshold[node]).astype(int)
             following = child[node, side]
             ends = following < 0
