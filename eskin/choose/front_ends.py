@@ -70,7 +70,7 @@ DESCENT = 16
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
 """Numbers of other gates, and of front ends in all, that a recurrent network is tried on. The accuracy by
-which such a front end may be behind the one taken, and trees behind a linear cell where folds do not compare them."""
+which such a front end may be behind the one taken."""
 
 JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
 """Highest number of recordings for judging, and of their samples (frames x taxels): these fit into a minute

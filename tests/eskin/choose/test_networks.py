@@ -166,9 +166,9 @@ def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is
         lambda made: 380 - points if forests(made) else 200 if made.config.recurrent else 380
     )
     for few_groups, points, cell in (
-        (False, 100, "linear"),
-        (True, 100, "trees"),
-        (True, 101, "linear"),  # more than a quarter of 400 behind
+        (False, 40, "linear"),
+        (True, 40, "trees"),
+        (True, 41, "linear"),  # more than a tenth of 400 behind
     ):
         effort = dataclasses.replace(INSIDE, few_groups=few_groups)
         assert tried(short_of(points), effort)[1].config.network.cell == cell
