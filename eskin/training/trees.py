@@ -15,9 +15,9 @@ MOST_PAIRS = 256
 
 @dataclass(frozen=True)
 class Trees:
-    """Nodes, parents before children: the rows of the ``roots``; of each node ``feature``, ``subtrahend`` (a feature; the same:
-    0), ``threshold``, ``children`` (two rows, the left one up to the threshold; of a leaf its row) and ``shares`` of the
-    classes (C)."""
+    """Nodes, parents before children: the rows of the ``roots``; of each node ``feature``, ``subtrahend`` (the feature that is
+    subtracted; nothing is if both are the same), ``threshold``, ``children`` (two rows, the left one up to the threshold; of
+    a leaf its row) and ``shares`` of the classes (C)."""
 
     roots: np.ndarray
     feature: np.ndarray

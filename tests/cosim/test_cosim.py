@@ -245,7 +245,7 @@ FAULTS = {
 
 
 ALIKE = ("two taxels change places", "a value is not told", "a frame of each block is lost", "an unknown ID")
-"""Faults that are found where others are."""
+"""Faults that the bench finds in the same way as another row's."""
 
 
 @pytest.mark.parametrize(
