@@ -27,8 +27,9 @@ class Recipe:
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
     answers to the rate of change. channel_dropout: probability with which a taxel is lost for the whole
     touch: as often masked as at rest. offset: factor of the offsets and of the drift of means; their standard
-    deviations are as in `eskin.training.linear_fit`. taxel_failure: probability with which a taxel sticks at
-    a limit in the touch, is found after FAULTY_WINDOWS and masked from there on. penalty: of a linear cell,
+    deviations, in deviations of the means, are the variances of `eskin.training.linear_fit`. taxel_failure:
+    probability with which a taxel sticks at a limit in the touch, is found after FAULTY_WINDOWS and masked
+    from there on. penalty: of a linear cell,
     which is fitted as a logistic regression on all windows of a touch (`eskin.training.linear_fit`): the
     inverse penalty of its weights on standardised inputs, as scikit-learn has it; loss, learning_rate,
     one_cycle and weight_limit have no effect then.
