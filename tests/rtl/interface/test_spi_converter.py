@@ -59,7 +59,7 @@ def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, chann
     return frames[-1], chips
 
 
-@each_row("name", [*CONFIGS, *ASLEEP])
+@each_row("name", [*CONFIGS, *(name for name in ASLEEP if not name.startswith(("mcp", "in", "spi")))])
 def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
     plan = plan_of(name)
     chip = plan.chip
