@@ -30,12 +30,14 @@ def test_a_drawn_design_is_exact(tmp_path_factory, part, design):
     assert not differences(design, tmp_path_factory.mktemp("design"))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(0 if LONG else 600)
 @pytest.mark.parametrize("part", range(3 if LONG else 1))
 @examples(1, 30)
 @given(design=taught_designs())
 def test_a_drawn_design_is_taught_as_the_stream_is(tmp_path_factory, part, design):
-    """Touches, TEACH, FORGET and reloads in any order: decisions, flags and what is read out of the memory."""
+    """Touches, TEACH, FORGET and reloads in any order: decisions, flags and what is read out of the memory. A simulator is
+    built for each; tests/cosim/test_teaching.py does the same to a design that is not drawn."""
     folder = tmp_path_factory.mktemp("design")
     both = taught_at_random(design.model, touched(design, (3, 3, 1, 2, 3, 2)), folder, design.seed)
     event(f"taught {both.taught > 0}, refused {both.refused > 0}, decided {both.decisions > 0}")
