@@ -9,6 +9,7 @@ from hypothesis import event, given
 
 from eskin.rtl.frontend import moving_sums
 from tests.support.strategies import LONG, Design, designs, differences, examples, taught_designs, touched
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 from tests.support.taught_device import taught_at_random
 
@@ -60,14 +61,12 @@ def test_a_design_that_once_failed(tmp_path, title):
 def test_exceeds_for_every_value_and_bound(bits):
     """Bounds beyond the value's range too: they were cut to its width."""
     from amaranth.hdl import Module, Signal, signed, unsigned
-    from amaranth.sim import Simulator
 
     for shape in (signed(bits), unsigned(bits)):
         bounds = range(-(1 << bits + 2), 1 << bits + 2)
         value, results = Signal(shape), {bound: Signal() for bound in bounds}
         m = Module()
         m.d.comb += [result.eq(moving_sums.exceeds(value, bound)) for bound, result in results.items()]
-        simulator = Simulator(m)
 
         async def bench(ctx, shape=shape, value=value, results=results):
             low = -(1 << bits - 1) if shape.signed else 0
@@ -76,5 +75,4 @@ def test_exceeds_for_every_value_and_bound(bits):
                 for bound, result in results.items():
                     assert ctx.get(result) == (number > bound), (shape, number, bound)
 
-        simulator.add_testbench(bench)
-        simulator.run()
+        simulate(m, bench)

@@ -1,4 +1,5 @@
-"""Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature."""
+"""Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature.
+tests/test_covering.py has one taxel, one window, extremes alone and a fault detector."""
 
 import pytest
 
@@ -21,7 +22,6 @@ BASE = TRACKED.replace(
     touch_frames=200,
     rearm_frames=9,
 )
-# one taxel, one window, extremes alone and a fault detector: tests/test_covering.py
 DESIGNS = {
     "linear, ended by its longest touch": {
         "cell": "linear",

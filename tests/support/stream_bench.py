@@ -17,7 +17,6 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 import random
 import re
 from collections import defaultdict
-from contextlib import ExitStack
 from typing import Any, NamedTuple
 from unittest import mock
 
@@ -90,14 +89,13 @@ class Engine(PySimEngine):
 
     def __init__(self, design) -> None:
         flush = _pyrtl._PythonEmitter.flush
-        with ExitStack() as stack:
-            for name, made in {
-                "_PythonEmitter.flush": lambda emitter: _shorter(flush(emitter), self._state.slots),
-                "comb_waker": lambda process: process,
-                "memory_waker": lambda process: process,
-                "edge_waker": lambda process, polarity: (process, polarity),
-            }.items():
-                stack.enter_context(mock.patch(f"amaranth.sim._pyrtl.{name}", made))
+        shorter = lambda emitter: _shorter(flush(emitter), self._state.slots)
+        itself = lambda process: process
+        edge = lambda *given: given
+        with (
+            mock.patch.object(_pyrtl._PythonEmitter, "flush", shorter),
+            mock.patch.multiple(_pyrtl, comb_waker=itself, memory_waker=itself, edge_waker=edge),
+        ):
             super().__init__(design)
         self._states: dict[int, Any] = {}
         # processes that a signal or memory wakes: at once; at the next edge; by an edge to a level
@@ -118,7 +116,7 @@ class Engine(PySimEngine):
         self._processes.clear()
 
     def step_design(self):
-        pending, due, moves = self._state.pending, self._due, self._moves
+        pending, due = self._state.pending, self._due
         moved = True
         while moved:
             for trigger in self._active_triggers:
@@ -140,8 +138,8 @@ class Engine(PySimEngine):
                     state.curr = state.next
                 else:
                     continue
-                if state in moves:
-                    readers, clocked, edges = moves[state]
+                if state in self._moves:
+                    readers, clocked, edges = self._moves[state]
                     ready |= readers
                     due |= clocked
                     if edges:
@@ -179,18 +177,16 @@ def _shorter(code: str, slots: list[Any]) -> str:
 
     value = r"\(0x([0-9a-f]+) & slots\[(\d+)\]\.curr\)"
     code = re.sub(rf"(?<!sign\(){value}", whole, re.sub(rf"sign\({value}, -0x[0-9a-f]+\)", whole, code))
-    while (start := code.rfind("sign(")) >= 0:  # no sign within
+    while (start := code.rfind("sign(")) >= 0:
         bits, top, rest = re.split(r", -(\w+)\)", code[start + 5 :], maxsplit=1)
         code = f"{code[:start]}(({bits} ^ {top}) - {top}){rest}"
     code = re.sub(r"slots\[(\d+)\]\.update\(next_\1, (-?\d+)\)", update, code)
     code = re.sub(r"(slots\[\d+\]\.write\(\w+, \w+, (\w+)\))", r"if \2: \1", code)
-    numbers = {*re.findall(r"slots\[(\d+)\]", code)}
-    names = {f"slot_{number} = slots[{number}]\n" for number in numbers}
-    return (
-        "".join(sorted(names))
-        + "pend = slots[0].pending.add\n" * bool(names)
-        + re.sub(r"slots\[(\d+)\]", r"slot_\1", code)
-    )
+    names = {
+        f"slot_{number} = slots[{number}]\npend = slot_{number}.pending.add\n"
+        for number in re.findall(r"slots\[(\d+)\]", code)
+    }
+    return "".join(names) + re.sub(r"slots\[(\d+)\]", r"slot_\1", code)
 
 
 class Bench:
@@ -396,11 +392,10 @@ def bus_accesses(ctx, bus):
 
 async def write_all(ctx, bus, writes) -> None:
     """Write pairs of a register and a word, one in each cycle."""
-    ticks, strobe = aiter(ctx.tick()), 0
+    ticks = aiter(ctx.tick())
+    ctx.set(bus.w_stb, 1)
     for register, word in writes:
         ctx.set(bus.addr, int(register))
         ctx.set(bus.w_data, word)
-        if not strobe:
-            ctx.set(bus.w_stb, strobe := 1)
         await anext(ticks)
     ctx.set(bus.w_stb, 0)

@@ -52,7 +52,7 @@ def test_bits_of_a_node_and_a_scale_count(monkeypatch):
     model = random_integer_model(forest(checksum=True, trees=1, nodes=1, depth=1, steps=1, taxels=1), seed=4)
     config, images = model.config, memory_images(model.config, model.arrays)
     monkeypatch.setattr(test_engine, "memory_images", lambda *_: images)
-    fields = [0, *accumulate(node_fields(config).values())]
+    fields = accumulate(node_fields(config).values(), initial=0)
     for memory, bits in ((Memory.NODES, fields), (Memory.CONSTANTS, (0, 15))):
         for bit in bits:
             images[memory][0] ^= 1 << bit
