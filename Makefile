@@ -41,8 +41,9 @@ run: $(INSTALLED)
 	$(BIN)/eskin run
 
 # Two test processes on two cores: a second thread of one takes its time from the other. Who is done takes
-# tests that still wait behind the other's long ones.
+# tests that still wait behind the other's long ones. Modules are compiled once, not by every process of a test.
 test test-all: export OMP_NUM_THREADS = 1
+test test-all: export PYTHONDONTWRITEBYTECODE =
 
 test: $(INSTALLED) tools-test
 	$(BIN)/python -m pytest -n 2 --dist worksteal

@@ -79,7 +79,7 @@ def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
 
 
 @pytest.mark.timeout(0 if LONG else 600)
-@examples(2, 200)
+@examples(1, 200)
 @given(seed=st.integers(0, 10**6))
 def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed):
     """Rubbish, then a good host; and harmless traffic in the middle of a recording."""

@@ -589,17 +589,23 @@ class TouchFinder:
     ) -> list[tuple[int, int, int]]:
         """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of
         touches that begin."""
-        rule = self.config.onset_rule
-        # flags are found for all frames of a push at once: flags of later frames do not count yet
-        sound = (self.flagged == 0) | (self.flagged > judged)
-        self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
+        rule, follows = self.config.onset_rule, self.config.follows_touch
+        counts = over & self._live
+        if self.config.faults.fault_frames:
+            # flags are found for all frames of a push at once: flags of later frames do not count yet
+            counts &= (self.flagged == 0) | (self.flagged > judged)
+        self._hits[judged // self._period % len(self._hits)] = counts.any(axis=1)
         own = self._hits.sum(axis=0) >= rule.onset_hits
         met = own if forced is None else forced
-        self._end_longest(judged - 1, lengths)
-        goes_on = self.end == OPEN
-        rearming = ~self.armed & (goes_on | (judged > self.end)) & (judged <= lengths)
+        rearming = ~self.armed & (judged <= lengths)
+        if follows:
+            self._end_longest(judged - 1, lengths)
+            goes_on = self.end == OPEN
+            self._loud = np.where(rearming & own & goes_on, judged, self._loud)
+            rearming &= goes_on | (judged > self.end)
+        else:
+            rearming &= judged > self.end
         self._quiet = np.where(rearming & ~own, self._quiet + self._period, 0)
-        self._loud = np.where(rearming & own & goes_on, judged, self._loud)
         touches = []
         for index in np.flatnonzero(self.armed & met & (judged <= lengths)):
             start = start_frame(self.config, judged, int(self.end[index]))
@@ -609,7 +615,8 @@ class TouchFinder:
         # last, because the detector is armed from the next frame on
         quiet = rearming & (self._quiet >= rule.rearm_frames)
         self.armed |= quiet
-        self._end(quiet, np.full_like(self.end, judged))
+        if follows:
+            self._end(quiet, np.full_like(self.end, judged))
         return touches
 
     def _judge_faults(self, samples: np.ndarray, lengths: np.ndarray) -> None:

@@ -77,7 +77,7 @@ IN_BULK = {"bulk": 4, "both": 3}
 SAME = "stages cycles steps decisions overruns probe budgets mismatch_list compared_values".split()
 
 
-@pytest.mark.parametrize("options", [{}, DECLARED, {"probe": True}, {"stalls": True, "probe": True}])
+@pytest.mark.parametrize("options", [{}, DECLARED, {"stalls": True, "probe": True}])
 def test_every_way_to_play_is_exact_and_counts_the_same(play, vectors, options):
     others = {"icarus"} if options == DECLARED else {*IN_BULK} if options else {}  # slow there; not in bulk
     moves: list[tuple] = []
@@ -188,7 +188,6 @@ DESIGNS = {
         (40,),
     ),
     "weights of 16 bits": (WIDE.replace(lanes=4), LENGTHS),
-    "weights of 16 bits, checked": (WIDE.replace(lanes=1, checksum=True), LENGTHS),
 }
 
 
@@ -224,13 +223,9 @@ ALL = r"(?s).*"
 WEIGHT = rf"(?<=\n{Register.MEMORY_DATA:02x})\w+"  # the first word of a memory
 PACE = {"pace": "declared", "clock_hz": 60e3}  # 20 cycles a frame
 FAULTS = {
-    "two taxels change places": ("wrapper.sv", r"frame \+ beat\)", "frame + (beat ^ 1))", {}, "stage sum, index 0"),
-    "the last number is not marked": ("wrapper.sv", "{beat == BEATS - 1, beat", "{1'b0, beat", {}, "a standstill"),
-    "a value is not told": ("wrapper.sv", "!== 1'bz[)]", "!== 1'bz && cycle[5:0] != 9)", {}, "expected "),
     "frames come before they are due": ("wrapper.sv", "cycle >= due", "cycle + 3 >= due", PACE, "when it was due"),
     "X is taken for a value": ("wrapper.sv", r"\? values\[32\*k \+: 32\] : 32'bx", "? {values[32*k + 1 +: 31], 1'bx} : 0", {}, "unknown bits"),
     "frames of a block in the wrong order": ("bench.py", r"frames\[of\].astype", "frames[of][::-1].astype", {}, "stage sum, index 0"),
-    "a frame of each block is lost": ("bench.py", r"count = len\(frames\[of\]\)", "count = max(1, len(frames[of]) - 1)", {}, "TOUCH"),
     "frames are due a cycle late": ("bench.py", r"dues\[of\].astype", "(dues[of] + 1).astype", PACE, "frame 2, stage input"),
     "blocks come late": ("bench.py", r"await self._free.wait\(\)", "await Timer(4000, 'ns')", {}, "was not offered"),
     "a bit of a weight": ("load.hex", WEIGHT, lambda word: f"{int(word[0], 16) ^ 16:04x}", {}, "stage state, index "),
@@ -244,13 +239,7 @@ FAULTS = {
 """Name -> file, its text (a pattern), another text, options, what the bench then says."""
 
 
-ALIKE = ("two taxels change places", "a value is not told", "a frame of each block is lost", "an unknown ID")
-"""Faults that the bench finds in the same way as another row's."""
-
-
-@pytest.mark.parametrize(
-    "fault", [pytest.param(fault, marks=[pytest.mark.slow] * (fault in ALIKE)) for fault in FAULTS]
-)
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
     file, old, new, options, expected = FAULTS[fault]
     broken, options = shutil.copytree(design, tmp_path / "broken"), options | ICARUS | {"waves": False}
@@ -304,7 +293,7 @@ SEEDS = {
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 3)) for k, seed in enumerate([None, *SEEDS])]
+    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 1)) for k, seed in enumerate([None, *SEEDS])]
 )
 def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
     """Under cocotb, and the last one in bulk, too."""
@@ -424,15 +413,12 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
 ):
     """In a folder with a blank in its path."""
     folder = generate_design(model.with_lanes(lanes), tmp_path / "my out", **options)
-    before = (folder / "vectors.npz").read_bytes()
     monkeypatch.setenv("PYTHONOPTIMIZE", "1")  # without asserts
     done = make(folder, simulator, "WHEEL=1")
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout
-    for stage in ("state", "decision"):
-        (folder / "vectors.npz").write_bytes(before)
-        sentence = flip(folder, stage, 1)
-        done = make(folder, simulator, "WHEEL=1")
-        assert done.returncode and sentence in done.stdout
+    sentence = flip(folder, "state", 1)
+    done = make(folder, simulator, "WHEEL=1")
+    assert done.returncode and sentence in done.stdout
 
 
 def test_a_generated_bench_that_compares_nothing_fails(model, tmp_path, monkeypatch):

@@ -1,4 +1,5 @@
-"""Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature."""
+"""Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature.
+tests/test_covering.py has one taxel, one window, extremes alone and a fault detector."""
 
 import pytest
 
@@ -22,8 +23,6 @@ BASE = TRACKED.replace(
     rearm_frames=9,
 )
 DESIGNS = {
-    "a taxel, beats every third cycle": {"taxels": 1},
-    "a window": {"taxels": 2, "steps": 1, "store_per_window": 2},
     "linear, ended by its longest touch": {
         "cell": "linear",
         "decision": "last",
@@ -45,8 +44,6 @@ DESIGNS = {
         "integral_knee": 0,
         "touch_frames": 18,
     },
-    "extremes alone, each hop's": {"feature_kinds": ("highest", "lowest"), "store_per_window": 2},
-    "a fault detector": {"fault_frames": 16, "fault_activity": 3},
 }
 
 
@@ -56,16 +53,10 @@ def test_every_stage_is_golden(tmp_path, title):
 
 
 def test_latency_counts_from_finish_where_that_ends_the_touch(tmp_path):
-    """Up to the last decision, in both ways to play; from the schedule the most."""
+    """Up to the last decision; from the schedule the most."""
     model = Design(
         BASE.replace(**DESIGNS["all kinds, changes"], onset="immediate", rest="initial"), 7, False
     ).model
     recordings, planned = random_recordings(model.config, [150, 90], 7), decision_cycles(model.config)
-    ways = {"simulator": "icarus"}, {"simulator": "verilator", "cocotb": ()}
-    latest = [
-        cosimulate(
-            model, recordings, Simulation(**way), work=tmp_path / way["simulator"]
-        ).cycles.decision_latency_max
-        for way in ways
-    ]
-    assert latest[0] == latest[1] and planned / 2 < latest[0] <= planned, (latest, planned)
+    played = cosimulate(model, recordings, Simulation(simulator="icarus"), work=tmp_path)
+    assert planned / 2 < played.cycles.decision_latency_max <= planned, (played.cycles, planned)

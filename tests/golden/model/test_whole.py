@@ -91,7 +91,7 @@ def frame_by_frame(config, deviations, quiet_at_end):
     return [sum(part) >> doublings for part in parts], [len(part) for part in parts]
 
 
-@examples(200, 5000)
+@examples(80, 5000)
 @given(
     steps=st.integers(1, 6),
     store=st.sampled_from([2, 4, 6, 8]),
@@ -150,7 +150,7 @@ def whole(config):
     )
 
 
-@examples(40, 1000)
+@examples(12, 1000)
 @given(config=configurations().map(whole), seed=st.integers(0, 1000))
 def test_a_stream_and_batches_and_cut_windows_give_the_same(config, seed):
     recordings, model = whole_recordings(config, seed), random_integer_model(config, seed)

@@ -1,5 +1,7 @@
 """The engine of trees: bit for bit against the golden forest, in its cycles; its memories; no multiplier."""
 
+from itertools import accumulate
+
 import pytest
 from amaranth.back import rtlil
 
@@ -45,13 +47,14 @@ def test_bit_exact_with_stalls():
     check_exact(model, windows(model.config, touches=3, seed=3), stall=0.3, seed=3)
 
 
-def test_every_bit_of_a_node_and_a_scale_counts(monkeypatch):
-    """A turned bit of a word that a step uses is seen by its parity."""
+def test_bits_of_a_node_and_a_scale_count(monkeypatch):
+    """A turned bit of a word that a step uses is seen by its parity: the first of each field, and the last."""
     model = random_integer_model(forest(checksum=True, trees=1, nodes=1, depth=1, steps=1, taxels=1), seed=4)
     config, images = model.config, memory_images(model.config, model.arrays)
     monkeypatch.setattr(test_engine, "memory_images", lambda *_: images)
-    for memory, bits in ((Memory.NODES, sum(node_fields(config).values()) + 1), (Memory.CONSTANTS, 16)):
-        for bit in range(bits):
+    fields = accumulate(node_fields(config).values(), initial=0)
+    for memory, bits in ((Memory.NODES, fields), (Memory.CONSTANTS, (0, 15))):
+        for bit in bits:
             images[memory][0] ^= 1 << bit
             with pytest.raises(AssertionError, match="every word is the image's"):
                 run(model, windows(config, touches=1, seed=bit))

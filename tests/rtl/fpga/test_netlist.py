@@ -67,7 +67,7 @@ TREES = with_network(CONFIG, cell="trees").replace(trees=3, nodes=20, depth=4, l
     "model, target, cell",
     [
         (LINEAR, "icebreaker", "SB_MAC16"),
-        (TREES, "icebreaker", "SB_SPRAM256KA"),
+        pytest.param(TREES, "icebreaker", "SB_SPRAM256KA", marks=pytest.mark.slow),
         pytest.param(CONFIG, "ulx3s", "MULT18X18D", marks=pytest.mark.slow),
         pytest.param(CONFIG, "tangnano9k", "MULT", marks=pytest.mark.slow),
     ],

@@ -48,11 +48,8 @@ def linted(folder, *waiver):
     return rules
 
 
-QUICK = ("image behind Wishbone", "behind a converter")
-
-
 @pytest.mark.parametrize(
-    "design", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in DESIGNS]
+    "design", [pytest.param(n, marks=[pytest.mark.slow] * (n != "behind a converter")) for n in DESIGNS]
 )
 def test_lint_is_clean_slang_reads_it_and_signals_have_names(design, tmp_path):
     kind, system = DESIGNS[design]
@@ -133,7 +130,7 @@ def test_two_designs_go_into_one_system(tmp_path):
 
 def test_a_name_may_be_a_word_of_another_language(tmp_path):
     """Of SystemRDL, where it is escaped, and of YAML, where it is quoted; Yosys escapes Verilog's."""
-    for name in ("signal", "reg", "true"):
+    for name in ("reg", "true"):
         folder = generate_design(model_of("linear"), tmp_path / name, top=name)
         compiler = RDLCompiler()
         compiler.compile_file(str(folder / "eskin.rdl"))

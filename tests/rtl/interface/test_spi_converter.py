@@ -25,13 +25,14 @@ CONFIGS = {
         ),
     }.items()
 }
-ASLEEP = [f"{name}, asleep" for name in CONFIGS]
+ASLEEP = [f"{name}, asleep" for name in ("ads7953", "ad7476", "ad7476 in series")]
+"""The others sleep without another plan."""
 
 
 def plan_of(name: str):
     """The plan of one of CONFIGS, or that by which its chips sleep between scans."""
     plan = converter_plan(CONFIGS[name.removesuffix(", asleep")])
-    return plan.sleeping if name in ASLEEP else plan
+    return plan.sleeping if name.endswith("asleep") else plan
 
 
 INSIDE = [700 + k for k in range(16)]

@@ -2,6 +2,7 @@
 host's view."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -25,7 +26,7 @@ from eskin.rtl.program.memory_map import (
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
 from tests.support.random_models import random_integer_model
-from tests.support.stream_bench import Bench, bus_accesses, give_frame, unpack, values
+from tests.support.stream_bench import Bench, bus_accesses, give_frame, unpack, values, write_all
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
 
@@ -156,7 +157,7 @@ def play(
     async def feed(ctx):
         host = Host(dut, ctx)
         assert await host.read(Register.ID) == ID_VALUE
-        await load(host, load_writes(config, model.arrays) if writes is None else writes)
+        await load(ctx, load_writes(config, model.arrays) if writes is None else writes)
         if len(begun):
             await host.write(Register.CONTROL, Control.ARM)
             await ctx.tick()
@@ -172,12 +173,12 @@ def play(
                 stream.clear()
         await play_all(ctx, host)
         if then is not None:
-            await load(host, load_writes(config, then.arrays))
+            await load(ctx, load_writes(config, then.arrays))
             await play_all(ctx, host)
 
-    async def load(host, pairs):
-        for register, word in pairs if config.hardware.loadable else ():
-            await host.write(register, word)
+    async def load(ctx, pairs):
+        if config.hardware.loadable:
+            await write_all(ctx, dut.bus, pairs)
 
     async def play_all(ctx, host):
         for number in range(len(data)):
@@ -185,8 +186,9 @@ def play(
             await ctx.tick()
             begin = bench.cycle
             for frame, samples in enumerate(data.recording(number)):
-                while bench.cycle < begin + frame * frame_cycles:
-                    await ctx.tick()
+                early = math.ceil(begin + frame * frame_cycles) - bench.cycle
+                if early > 0:
+                    await ctx.tick().repeat(early)
                 if during is not None and frame == 30:
                     await during(host)
                 left = left_off if frame == len(data.recording(number)) - 1 else 0

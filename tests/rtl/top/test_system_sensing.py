@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import pytest
 from amaranth.hdl import Signal
-from amaranth.sim import Simulator
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import system
 from eskin.verbs.build import BoardRequest, command
 from tests.support.silent import Silent
+from tests.support.stream_bench import simulate
 from tests.support.table import refused
 
 CLOCK_HZ = 4 * STIMULATOR_BAUD
@@ -35,13 +35,6 @@ def skin(monkeypatch, host=None):
         system, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
     )
     return system.System(CONFIG, None, host=host, clock_hz=CLOCK_HZ), made
-
-
-def run(dut, play) -> None:
-    simulator = Simulator(dut)
-    simulator.add_clock(1 / CLOCK_HZ)
-    simulator.add_testbench(play)
-    simulator.run()
 
 
 @pytest.mark.parametrize("name", CAUSES)
@@ -78,7 +71,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         await until(True)
         assert ctx.get(dut.led)
 
-    run(dut, play)
+    simulate(dut, play)
 
 
 def test_frames_need_a_line_that_is_fast_enough():
