@@ -77,15 +77,10 @@ TREES_GAIN = 0.1
 """About what trees gain by learning from a second group, beyond what a linear cell gains: 4 to 11 points on pvdf_indent, biotac_slide
 and sign_glove."""
 
-STURDY_MEAN = "sturdy mean"
 STURDY: dict[str, Record] = {
-    f"sturdy {strength:g}": {"squares": True, "sturdy": strength, **AS_RECORDED}
-    for strength in (0.1, 0.3, 1.0)
+    f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.1, 0.3, 1.0)
 }
-STURDY[STURDY_MEAN] = {"averaged": True, "sturdy": 0.1, "updates": 120, "channel_dropout": 0.2}
-"""Fits of a linear cell that are tried if it is judged under disturbance. The last is the mean of the first and of a
-logistic regression of disturbed touches. On pvdf_indent, trials left out, the worst dead taxel costs it 5 points, 9 with
-half of this dropout, and the first 14."""
+"""Fits of a linear cell that are tried if it is judged under disturbance."""
 ROBUST, ROBUST_UPDATES = "robust", 800
 """Recipe of recurrent cells that are judged under disturbance, and its updates."""
 GATES_AHEAD, RECURRENT = 2, 4
@@ -113,7 +108,7 @@ FITS: dict[str, Record] = {
         f"ridge {share:g}": {**SQUARES, "name": f"ridge {share:g}", "ridge": share, **AS_RECORDED}
         for share in RIDGES
     },
-    **{fit: {"name": fit, **changes} for fit, changes in STURDY.items()},
+    **{fit: {"name": fit, **changes, **AS_RECORDED} for fit, changes in STURDY.items()},
 }
 """Fits of a linear cell, as changes to the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
@@ -168,7 +163,7 @@ INSIDE = Effort(
     probe=8,
     probe_share=4,
     brief=True,
-    sturdy=("sturdy 0.1", "sturdy 1", STURDY_MEAN),
+    sturdy=("sturdy 0.1", "sturdy 1"),
     ends=2,
 )
 """Effort inside folds, where there are many choices."""
@@ -204,7 +199,7 @@ class SearchOptions:
         config = network(on, cell, hidden) if cell else with_network(on, hidden=hidden)
         if config.recurrent:
             config = with_network(config, reset=self.reset)
-        recipe = choose_recipe(config, self.robust or fit == STURDY_MEAN)
+        recipe = choose_recipe(config, self.robust)
         if fit == ROBUST:
             wary = choose_recipe(config, robust=True)
             updates = ROBUST_UPDATES if config.recurrent else wary.updates
@@ -523,45 +518,24 @@ def robust_trees(search: NetworkSearch) -> Request:
     return search.request(search.in_price(fitted))
 
 
-def with_means(search: NetworkSearch) -> list[AcceleratorConfig]:
-    """Front ends of each number of SPREAD windows of means: on the best candidate's gate, and on the GATES_AHEAD gates
-    that disturbances open least."""
-    hardening = search.hardening
-    assert hardening is not None
+def robust_recurrent(search: NetworkSearch) -> Request:
+    """GRUs trained with failing taxels, on the sturdiest front ends."""
+    calm, hardening, options = search.calm, search.hardening, search.options
+    if calm is None or hardening is None:
+        return Request()
     gates: dict[Any, AcceleratorConfig] = {}
     for scored in sorted(search.tried, key=lambda scored: -scored.accuracy):
         on = scored.candidate.front_end
         if not on.opens_at_once:
             gates.setdefault((on.rest_level, on.onset_rule), on)
     sturdiest = sorted(gates.values(), key=hardening.stress.false_onsets)[:GATES_AHEAD]
-    ends = [ahead_of(search)[0].candidate.front_end, *sturdiest]
-    found = dict.fromkeys(many for on in ends for many in hardening.spread(on))
-    return [on for on in found if on.features.feature_kinds == ("mean",)]
-
-
-def short_windows(search: NetworkSearch) -> Request:
-    """Linear cells of STURDY_MEAN on many windows of means, which are as long as the energy allows."""
-    hardening = search.hardening
-    if search.calm is None or hardening is None or STURDY_MEAN not in search.effort.sturdy:
-        return Request()
-    longest: dict[Any, Candidate] = {}
-    for many in with_means(search):
-        if many.windows.steps > SPREAD[0]:
-            for on in hardening.shorter(many):
-                for candidate in search.in_price([search.options.possible(on, "linear", None, STURDY_MEAN)]):
-                    longest.setdefault((on.rest_level, on.onset_rule, on.windows.steps), candidate)
-    return search.request(longest.values())
-
-
-def robust_recurrent(search: NetworkSearch) -> Request:
-    """GRUs trained with failing taxels, on the sturdiest front ends."""
-    if search.calm is None or search.hardening is None:
-        return Request()
-    options, units = search.options, search.effort.units[-2:]
+    ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]
+    ons = [few for on in ons for few in hardening.spread(on) if few.windows.steps == SPREAD[0]]
+    ons = [on for on in ons if on.features.feature_kinds == ("mean",)]
+    units = search.effort.units[-2:]
     fitting = search.in_price(
         options.possible(on, "gru", count, fit)
-        for on in with_means(search)
-        if on.windows.steps == SPREAD[0]
+        for on in dict.fromkeys(ons)
         for fit in search.effort.robust
         for count in reversed(units)
     )
@@ -618,7 +592,6 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("more windows", more_windows),
     Move("windows that divide the touch", windows_of_the_touch),
     Move("trees fitted to disturbances", robust_trees),
-    Move("many short windows", short_windows),
     Move("recurrent cells trained under disturbance", robust_recurrent),
     Move("further seeds under disturbance", seeds_under_stress),
     Move("what a higher cost gains", robust_dearer),

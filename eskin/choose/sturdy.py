@@ -45,8 +45,6 @@ STEADY = tuple(steps for steps, _ in WHOLE[:2])
 """Numbers of windows that divide the touch: a few windows depend too much on each taxel."""
 SPREAD = (10, 20, 31)
 """Numbers of windows over more of a touch."""
-SHORTER = (1.0, 0.75, 0.625, 0.5)
-"""Factors of the hop of windows that would cost too much energy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +166,3 @@ class Hardening:
                     windows = dict(hop=hop, window=2 * hop, steps=steps, activity_block=block)
                     found += [valid(config, feature_kinds=some, **windows)] if hop else []
         return [one for one in dict.fromkeys(found) if one]
-
-    def shorter(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
-        """``config`` with hops that are SHORTER."""
-        hops = dict.fromkeys(int(factor * config.windows.hop) for factor in SHORTER)
-        found = [valid(config, hop=hop, window=2 * hop) for hop in hops if hop]
-        return [on for on in found if on]

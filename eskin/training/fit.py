@@ -1,7 +1,6 @@
 """Fitting of many networks (folds x seeds) at once: in float, and then in integer arithmetic."""
 
 import contextlib
-import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -12,11 +11,11 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.batches import Batches
 from eskin.training.datasets import Dataset
-from eskin.training.linear_fit import cut_short, fit_least_squares, fit_linear, fit_sturdy, mean_of
+from eskin.training.linear_fit import cut_short, fit_average, fit_least_squares, fit_linear, fit_sturdy
 from eskin.training.losses import EpochReporter, Progress, class_loss, descend, teacher_loss
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
-from eskin.training.recipe import AS_RECORDED, Recipe
+from eskin.training.recipe import Recipe
 from eskin.training.trees import fit_forest
 
 FINE_TUNING_TEACHER = 0.9
@@ -120,10 +119,19 @@ def _fit_solved(
         model = fitted.get(rows.tobytes()) if not recipe.augments else None
         if model is None:
             batches = Batches(data, config, recipe, [rows], generator)
-            features, labels, counts, copies = _touches_to_fit(batches, recipe)
+            if recipe.augments:
+                drawn = [batches.draw() for _ in range(recipe.updates)]
+                features, labels, counts = (
+                    torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True)
+                )
+            else:
+                features, labels, counts = (batch[0].numpy() for batch in batches.recorded())
             # C weighs the sum of losses over touches. Touches that are drawn several times are no more data,
             # so it is scaled back.
-            penalty = recipe.penalty * len(rows) / (len(labels) - copies)
+            penalty = recipe.penalty * len(rows) / len(labels)
+            again, ends = cut_short(counts.sum(axis=1), config.windows.steps)
+            counts = np.r_[counts, np.arange(config.windows.steps) < ends[:, None]]
+            features, labels = np.r_[features, features[again]], np.r_[labels, labels[again]]
             mu, sigma = batches.scales[0]
             if config.is_forest:
                 sized, arrays = fit_forest(config, features, counts, labels, generator.initial_seed())
@@ -133,32 +141,18 @@ def _fit_solved(
                 continue
             features = features * counts[..., None]  # a step that was not recorded adds nothing
             if recipe.sturdy:
-                plain = dataclasses.replace(recipe, **AS_RECORDED)
-                recorded = Batches(data, config, plain, [rows], generator)
-                seen, classes, steps, _ = _touches_to_fit(recorded, plain)
-                arrays = fit_sturdy(
-                    config, seen * steps[..., None], steps, classes, (mu, sigma), recipe.sturdy
-                )
-            elif recipe.squares or recipe.averaged:
-                arrays = fit_least_squares(config, features, labels, copies, recipe.ridge)
-            if recipe.averaged or not (recipe.sturdy or recipe.squares):
-                odds = fit_linear(config, features, labels, penalty)
-                arrays = mean_of(config, features, labels, odds, arrays) if recipe.averaged else odds
+                arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
+            elif recipe.averaged:
+                arrays = fit_average(config, features, labels, len(again), penalty, recipe.ridge)
+            elif recipe.squares:
+                arrays = fit_least_squares(config, features, labels, len(again), recipe.ridge)
+            else:
+                arrays = fit_linear(config, features, labels, penalty)
             model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
             fitted[rows.tobytes()] = model
         models.append(model)
         progress(number + 1, len(parts))
     return models
-
-
-def _touches_to_fit(batches: Batches, recipe: Recipe) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Features, labels and steps that count of the part of ``batches``, as ``recipe`` draws them or as recorded,
-    followed by the copies of `cut_short`; and the number of these."""
-    drawn = [batches.draw() for _ in range(recipe.updates)] if recipe.augments else [batches.recorded()]
-    features, labels, counts = (torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True))
-    again, ends = cut_short(counts.sum(axis=1), counts.shape[1])
-    counts = np.r_[counts, np.arange(counts.shape[1]) < ends[:, None]]
-    return np.r_[features, features[again]], np.r_[labels, labels[again]], counts, len(again)
 
 
 def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: Record) -> IntegerModel:

@@ -166,20 +166,24 @@ def fit_least_squares(
     return _arrays(config, turn.T @ ridge.coef_, ridge.intercept_ @ turn + bias)
 
 
-def mean_of(
+def fit_average(
     config: AcceleratorConfig,
     features: np.ndarray,
     labels: np.ndarray,
-    odds: dict[str, np.ndarray],
-    squares: dict[str, np.ndarray],
+    copies: int,
+    penalty: float,
+    ridge: float,
 ) -> dict[str, np.ndarray]:
-    """The mean of ``fit_linear`` and of a fit by least squares, whose logits of ``features`` are scaled to the same
-    deviation between classes as the first. The mean is one linear cell and costs no more.
+    """The mean of ``fit_linear`` with ``penalty`` and ``fit_least_squares`` with ``ridge``, whose logits are
+    scaled to the same deviation between classes as the first. The mean is one linear cell and costs
+    no more.
 
     The logistic regression depends on touches near other classes, least squares on the means and covariance
     of all, so they misclassify different touches of a new session.
     """
     inputs, present = _inputs(config, features), np.unique(labels)
+    odds = fit_linear(config, features, labels, penalty)
+    squares = fit_least_squares(config, features, labels, copies, ridge)
 
     def deviation(fit: dict[str, np.ndarray]) -> float:
         logits = inputs @ fit["V"].swapaxes(0, 1).reshape(config.classes, -1).T + fit["b_y"]

@@ -1,12 +1,11 @@
 """Which networks are tried on which front ends, with how many seeds, and what the command line fixes."""
 
 import dataclasses
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 
-from eskin.choose.candidate import ENERGY, ScoredCandidate
+from eskin.choose.candidate import ScoredCandidate
 from eskin.choose.choice_table import network_name
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
@@ -17,23 +16,17 @@ from eskin.choose.networks import (
     MOVES,
     RIDGES,
     STURDY,
-    STURDY_MEAN,
     Effort,
     NetworkSearch,
     SearchOptions,
     choose_networks,
-    short_windows,
 )
 from eskin.choose.search import Request, search
-from eskin.choose.sturdy import Hardening
-from eskin.training import fit
-from eskin.training.datasets import Datasets
 from eskin.training.judge import Decided, Decisions, folds_of
 from eskin.training.recipe import AS_RECORDED
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import by_person, gripped_recordings
-from tests.support.prices import cost_by_size, priced
-from tests.support.result_case import but
+from tests.support.prices import priced
 from tests.support.table import each_row, refused
 
 DEAR = CONFIG.replace(steps=8)
@@ -256,54 +249,3 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
             assert len(one.correct) == len(parts[number])
             assert one.candidate.config.recurrent or (one.correct == other.correct).all()
             assert one.seeds == [0] and set(one.decisions.table["recording"]) == set(parts[number])
-
-
-def test_the_sturdy_mean_sees_touches_with_lost_taxels_and_recorded_ones(monkeypatch):
-    """Its weights are the mean of both fits."""
-    recordings, seen = gripped_recordings(), {}
-
-    def fit_of(name, fit):
-        def run(config, features, *others):
-            seen[name] = features, fit(config, features, *others)
-            return seen[name][1]
-
-        return run
-
-    for name in ("fit_linear", "fit_sturdy"):
-        monkeypatch.setattr(fit, name, fit_of(name, getattr(fit, name)))
-
-    def fitted(name):
-        candidate = SearchOptions().candidate(CONFIG, "linear", None, name)
-        data = Datasets(recordings).of(candidate.config, candidate.recipe)
-        rows = [np.arange(len(recordings))]
-        (model,) = fit.fit_networks(data, candidate.config, candidate.recipe, rows, 0, lambda *_: None)
-        return model, seen["fit_sturdy"]
-
-    _, (as_recorded, _) = fitted("sturdy 0.1")
-    model, (recorded, squares) = fitted(STURDY_MEAN)
-    drawn, odds = seen["fit_linear"]
-    assert np.array_equal(recorded, as_recorded)
-    assert 0.15 < (drawn == 0).all(axis=1).mean() < 0.25 and not (recorded == 0).all(axis=1).any()
-    scale = (2 * model.arrays["V"] - odds["V"]) / squares["V"]
-    assert np.allclose(scale, np.median(scale), rtol=1e-6) and np.median(scale) > 0
-
-
-@each_row("most, hops", [(16, [16, 16]), (15, [12, 16]), (11, [10, 16]), (7, [16])])
-def test_many_windows_are_as_long_as_the_energy_allows(most, hops):
-    on = CONFIG.replace(hop=16, window=32, feature_kinds=("mean",))
-    many = [on.replace(steps=steps) for steps in (20, 10, 31)]
-    energy = lambda config: (ENERGY * config.windows.hop / most) ** (config.windows.steps == 20)
-    cost_of = lambda config: but(cost_by_size(config), energy_touch_j=energy(config), average_w=1.0)
-    first = decided(OPEN.candidate(on, "linear"), np.zeros(4, dtype=bool), Request())
-    hardening = SimpleNamespace(
-        stress=SimpleNamespace(false_onsets=lambda config: 0.0),
-        spread=lambda on: many,
-        shorter=partial(Hardening.shorter, None),
-    )
-    state = started(on, [on], OPEN, WHOLE, np.arange(4), [], cost_of=cost_of)
-    state = dataclasses.replace(state, hardening=hardening, calm=first, tried=[first])
-    fewer = dataclasses.replace(state, effort=dataclasses.replace(WHOLE, sturdy=()))
-    assert not short_windows(fewer).candidates
-    found = short_windows(state).candidates
-    assert {candidate.recipe.name for candidate in found} == {STURDY_MEAN}
-    assert sorted(candidate.config.windows.hop for candidate in found) == hops

@@ -10,9 +10,9 @@ from eskin.training.linear_fit import (
     QUIETEST,
     cut_short,
     discriminants,
+    fit_average,
     fit_least_squares,
     fit_linear,
-    mean_of,
 )
 from tests.support.table import each_row
 
@@ -84,9 +84,9 @@ def test_the_average_weighs_both_fits_alike():
         values = logits(arrays, features)[:, :3]
         return values - values.mean(axis=1, keepdims=True)
 
-    fits = fit_linear(config, features, labels, 1.0), fit_least_squares(config, features, labels, 0, 0.01)
-    odds, squares = map(centred, fits)
-    average = mean_of(config, features, labels, *fits)
+    odds = centred(fit_linear(config, features, labels, 1.0))
+    squares = centred(fit_least_squares(config, features, labels, 0, 0.01))
+    average = fit_average(config, features, labels, 0, 1.0, 0.01)
     expected = (odds + squares / squares.std() * odds.std()) / 2
     assert np.allclose(centred(average), expected, atol=1e-9)
     assert not np.allclose(expected, odds, atol=0.1)
