@@ -118,7 +118,7 @@ class TouchDivider(Block):
         place = Signal(range(windows.hop))
         part = Signal(doublings)  # hops of the first length in this one
         mask = Signal(doublings)  # ones: as many as doublings
-        count = self.count = Signal(range(sums + 1))
+        count = self.count = Signal(range(sums))
         mark = self.mark = Signal(range(sums + 1), init=1)  # sums up to the last that met the rule
         to = self.to = Signal(range(sums * words + 1))  # where the next sum goes
         first_place = reaches(place, windows.hop - 1)
