@@ -103,7 +103,7 @@ class Ddc232Converter(wiring.Component):
 
         wired = Array([Const(taxel is not None, 1) for taxel in plan.places])[word]
         taxel = Array([Const(taxel or 0, len(self.put.place)) for taxel in plan.places])[word]
-        drive(m, self.put, valid=code_due & wired, place=taxel, code=shift[:bits])
+        drive(m, self.put, valid=code_due & wired, place=taxel, code=shift)
         m.d.sync += code_due.eq(0)
 
         def wait(cycles: int):

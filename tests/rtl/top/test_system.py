@@ -35,7 +35,7 @@ def test_elaborates_with_the_ports_of_a_board(changes, options, expected):
     text = rtlil.convert(dut, name="board_top", emit_src=False)
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
     ports = re.findall(r"put \d+ +\\([a-z]+)", top)
-    assert set(ports) == {"clk", "rst", *expected.split()}
+    assert {*ports} == {"clk", "rst", *expected.split()}
 
 
 @each_row("class_pins, bits", [("each", 20), ("binary", 5)])
