@@ -52,8 +52,8 @@ class Search:
             self.tried = [
                 one.joined(answers[one.candidate]) if one.candidate in answers else one for one in self.tried
             ]
-            return 0
-        self.known |= {(candidate, request.share): one for candidate, one in answers.items()}
+        else:
+            self.known |= {(candidate, request.share): one for candidate, one in answers.items()}
         before = {one.candidate for one in self.tried}
         fresh = [one for one in dict.fromkeys(request.candidates) if one not in before]
         scored = self.scored(fresh, request.share)

@@ -33,11 +33,7 @@ PLAN = ImagePlan(
             "Cat(~self.write_address[0], self.write_address[0])",
             "3",
         ),
-        Bug(
-            "the other byte of a word is read",
-            "Mux(high, word[8:], word[:8])",
-            "Mux(high, word[:8], word[8:])",
-        ),
+        Bug("the other byte of a word is read", "Mux(high, word[8:], word)", "Mux(high, word, word[8:])"),
         Bug("the other memory is read", "source.eq(self.source)]", "source.eq(~self.source)]"),
     ),
 )

@@ -251,9 +251,9 @@ class IntegerModel(_Model):
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
         check_forest(config, checked, self.source)
-        aligned = max(config.features.feature_shift[0], 0) if config.features.aligned_means else 0
-        if aligned and (checked["mean"] % (1 << aligned)).any():
-            step = f"2**{aligned}"
+        features = config.features
+        if features.aligned_means and (checked["mean"] % 2.0 ** features.feature_shift[0]).any():
+            step = f"2**{features.feature_shift[0]}"
             raise InputError(
                 f"{self.source}, array mean: is not a multiple of {step}, which aligned_means requires; "
                 "quantise the model again"

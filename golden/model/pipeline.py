@@ -136,8 +136,8 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
         votes = (local[..., None] == np.arange(classes)).sum(axis=1)
         decision, lead = first_maximum(votes)
     else:
-        # a touch without a step looks up step 0 and is overwritten below
-        last = np.maximum(global_steps(config, local, margin, completed), 0)
+        # a touch without a step, -1, looks up the last one and is overwritten below
+        last = global_steps(config, local, margin, completed)
         rows = np.arange(len(logits))
         decision, lead = local[rows, last], margin[rows, last]
     return local, margin, np.where(completed > 0, decision, -1), np.where(completed > 0, lead, 0)
@@ -247,7 +247,7 @@ def decide_touches(
     step = global_steps(config, local, margin, touches.completed)
     unsure = lead < config.network.margin_threshold
     if scores is not logits and config.readout_rule.unknown_above:
-        nearest = -scores.max(axis=-1)[np.arange(len(step)), np.maximum(step, 0)]
+        nearest = -scores.max(axis=-1)[np.arange(len(step)), step]
         unsure |= nearest > config.readout_rule.unknown_above * (step + 1)
     return Decided(features, hidden, logits, local, margin, decision, lead, step, unsure, scores)
 

@@ -173,7 +173,7 @@ class Engine(wiring.Component):
         forward(m, self, coefficients, "load")
         gate = coefficients.gate | coefficients.constant
         # T holds complements: values that are mostly subtracted need no inverters then. Its last word stands for 0.
-        not_t = Const(-1, signed(config.formats.state_format.width))
+        not_t: Value = Const(-1)
         if plan.program.t_regions:
             values = memory(
                 "t_memory", signed(config.formats.state_format.width), layout.t_depth, [-1] * layout.t_depth
@@ -320,17 +320,16 @@ class Engine(wiring.Component):
         )  # scales of length 0 stand at multiples of a power of two
         if not config.hardware.checksum or config.sets == len(config.window_lengths) == 1:
             return lengths
-        check: Value = Const(0)
-        if config.sets > 1:  # a check word for each step of a touch
-            check = Signal(range(config.sets), name="step")
-            with m.If(self.sequencer.ended):
-                m.d.sync += check.eq(Mux(self.final, 0, check + 1))
+        # a check word for each step of a touch
+        check: Value = Signal(range(config.sets), name="step")
+        with m.If(self.sequencer.ended):
+            m.d.sync += check.eq(Mux(self.final, 0, check + 1))
         # a check word for each length; it is read when the window has left its buffer
         if config.sets == 1 or config.follows_touch:
             released = Signal.like(lengths, name="released_length")
             with m.If(self.released):
                 m.d.sync += released.eq(lengths)
-            check = released if config.sets == 1 else Cat(released, check)
+            check = Cat(released, check)
         return Mux(self.sequencer.word.gate[self.layout.check_base.bit_length() - 1], check, lengths)
 
     def _weights(self, m, platform, memory):

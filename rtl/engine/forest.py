@@ -132,7 +132,7 @@ class ForestEngine(wiring.Component):
         # A comparison is judged while the next node is read, the last one of a tree while the next root is.
         at_root = visit == 0
         ended = self.ended = Signal()  # the walk, by a vote
-        address = Signal(range(max(forest.nodes, 2)))
+        address = Signal(range(forest.nodes))
         node_read = self._memory(
             m,
             memory_map.Memory.NODES,

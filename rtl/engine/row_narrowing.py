@@ -36,9 +36,7 @@ class RowNarrowing(Block):
         config, total = self.spec, self.total
         logit = total >> config.logit_shift
         m.d.comb += self.logit.eq(
-            logit[: config.formats.logit_format.width]
-            if config.logit_proven
-            else saturate(logit, config.formats.logit_format)
+            logit if config.logit_proven else saturate(logit, config.formats.logit_format)
         )
         if not config.recurrent:  # no row of a linear cell is anything but a logit
             return m

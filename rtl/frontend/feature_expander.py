@@ -224,11 +224,7 @@ class FeatureExpander(Block):
             below = Signal()
             with m.If(step & (slot == 1)):
                 m.d.sync += [
-                    biased.eq(
-                        biased_magnitude(~start["total"], config.features.integral_knee)[
-                            : config.integral_bits
-                        ]
-                    ),
+                    biased.eq(biased_magnitude(~start["total"], config.features.integral_knee)),
                     below.eq(start["total"][-1]),
                 ]
             size = Signal(config.beat_bits - 1)

@@ -118,7 +118,7 @@ class TouchDivider(Block):
         place = Signal(range(windows.hop))
         part = Signal(doublings)  # hops of the first length in this one
         mask = Signal(doublings)  # ones: as many as doublings
-        count = self.count = Signal(range(sums + 1))
+        count = self.count = Signal(range(sums))
         mark = self.mark = Signal(range(sums + 1), init=1)  # sums up to the last that met the rule
         to = self.to = Signal(range(sums * words + 1))  # where the next sum goes
         first_place = reaches(place, windows.hop - 1)
@@ -212,8 +212,10 @@ class TouchDivider(Block):
             least = Mux(now_marked < now_counted, now_marked, now_counted)
             again = (begins, begins_block, place, part, mask, count, mark)
             m.d.sync += [signal.eq(signal.init) for signal in again]
-            m.d.sync += [pending.eq(least != 0), counts.eq(least), shifts.eq(now_mask), to.eq(0)]
-            m.d.sync += longest.eq(frame_ends & self.i.p.longest)
+            m.d.sync += [pending.eq(least != 0), to.eq(0)]
+            with m.If(least != 0):  # else values of the touch before may still leave
+                m.d.sync += [counts.eq(least), shifts.eq(now_mask)]
+                m.d.sync += longest.eq(frame_ends & self.i.p.longest)
 
         # --- the work on the store
         taxel = Signal(range(taxels))  # of the value

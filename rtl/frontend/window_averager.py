@@ -185,7 +185,7 @@ class WindowAverager(Block):
         m.d.comb += self.holds.eq(Cat(fresh, self.o.valid, draining, gap).any())
         addend = Signal(signed(bits))
         m.d.comb += addend.eq(Mux(newest, self.i.p.complement | draining.as_signed(), total))
-        drive(m, adder, step=step, alone=alone, word=read.data[:bits], addend=addend)
+        drive(m, adder, step=step, alone=alone, word=read.data, addend=addend)
         with m.If(step):
             m.d.sync += [
                 index.eq(index_next),

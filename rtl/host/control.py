@@ -229,9 +229,7 @@ class HostControl(wiring.Component):
             Register.TOUCHES: state.touches,
         }
         if config.faults.fault_frames:
-            readable |= {
-                Register.TAXEL_FAULTS + k: self.detector.flags[16 * k :][:16] for k in range(len(masks))
-            }
+            readable |= {Register.TAXEL_FAULTS + k: self.detector.flags[16 * k :] for k in range(len(masks))}
         if config.readout_rule.taught:
             teaching = self.teaching
             refused = Signal()
@@ -260,7 +258,7 @@ class HostControl(wiring.Component):
             drive(m, loader, seek=bus.w_stb & at_places, onward=looks & given)
             readable |= {
                 TeachRegister.TAUGHT: Cat(teaching.in_use, refused, odd),
-                TeachRegister.PLACES: Mux(given, Cat(teaching.place, loader.load.address[:7]), 0xFFFF),
+                TeachRegister.PLACES: Mux(given, Cat(teaching.place, loader.load.address), 0xFFFF),
             }
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)

@@ -83,11 +83,7 @@ class FrameCheck(wiring.Component):
         # itself only once.
         mixed = Signal(8)
         fed = Signal(8)
-        m.d.comb += [
-            mixed.eq(fcs[:8] ^ self.byte),
-            fed.eq(mixed ^ (mixed << 4)),
-            self.good.eq(fcs == FCS_GOOD),
-        ]
+        m.d.comb += [mixed.eq(fcs ^ self.byte), fed.eq(mixed ^ (mixed << 4)), self.good.eq(fcs == FCS_GOOD)]
         with m.If(self.start):
             m.d.sync += fcs.eq(FCS_START)
         with m.Elif(self.valid):

@@ -66,8 +66,8 @@ class UartReceiver(Block):
 
     def elaborate(self, platform):
         m, divisor = Module(), self.spec
-        line = Signal(init=1)
-        before = Signal(init=1)
+        line = Signal()
+        before = Signal()
         m.submodules.synchroniser = FFSynchronizer(self.rx, line, init=1)
         # The start bit goes ahead of the data bits through the register; where it comes out, the next sample
         # is the stop bit.

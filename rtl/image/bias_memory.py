@@ -55,5 +55,5 @@ class BiasMemory(Block):
             )
             parts.append(read.data)
         word = Cat(*parts)
-        drive(m, self, addend=word[:ADDEND_BITS], parity=word[ADDEND_BITS:])
+        drive(m, self, addend=word, parity=word[ADDEND_BITS:])
         return m

@@ -123,7 +123,7 @@ class ImageEngine(wiring.Component):
         # ---------------------------------------------------------------- pass after pass
         # source: memory of maps that is read; while idle the other one
         source = Signal(init=1)
-        written = Signal(plan.address_bits)
+        written = Signal.like(maps.write_address)
         drive(m, fetch, fetch=self.start | (sequencer.done & ~now.last), rewind=self.start)
         m.d.comb += [self.done.eq(sequencer.done & now.last), sequencer.now.eq(now)]
         m.d.sync += sequencer.go.eq(fetch.fetched)

@@ -49,5 +49,5 @@ class MapMemory(Block):
             )
             words.append(memory.word)
         word = Mux(source, words[1], words[0])
-        m.d.comb += self.value.eq(Mux(high, word[8:], word[:8]))
+        m.d.comb += self.value.eq(Mux(high, word[8:], word))
         return m

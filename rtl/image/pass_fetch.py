@@ -75,5 +75,5 @@ class PassFetch(Block):
         with m.If(arriving), m.Switch(arrived):
             for word_number, fields in parts.items():
                 with m.Case(int(word_number)):
-                    m.d.sync += [field.eq(data[low : low + len(field)]) for field, low in fields]
+                    m.d.sync += [field.eq(data[low:]) for field, low in fields]
         return m

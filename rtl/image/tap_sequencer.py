@@ -72,7 +72,7 @@ class TapSequencer(Block):
         begins = Signal()  # a slot that takes the prepared sum
 
         def stride(value: Value) -> Value:
-            return Mux(step, value << 1, value)[: plan.address_bits]
+            return Mux(step, value << 1, value)
 
         with m.If(self.go):
             m.d.sync += [
@@ -124,7 +124,7 @@ class TapSequencer(Block):
         # ---------------------------------------------------------------- its first addresses
         def beyond(places: Value) -> Value:
             """Kernel places outside a map that has ``places`` on this side."""
-            return Mux(places >= now.radius, 0, now.radius - places)[:2]
+            return Mux(places >= now.radius, 0, now.radius - places)
 
         starts = Signal()
         walking = Signal()

@@ -72,7 +72,7 @@ class WeightMemory(Block):
         m.d.sync += was_dense.eq(self.dense)
         if part:
             chosen = Signal(part)
-            m.d.sync += chosen.eq(self.address[:part])
+            m.d.sync += chosen.eq(self.address)
             dense = dense.word_select(chosen, plan.dense_lanes * plan.weight_bits)
         count = plan.dense_lanes * plan.weight_bits
         m.d.comb += self.weights.as_value().eq(Cat(Mux(was_dense, dense[:count], conv[:count]), conv[count:]))

@@ -78,7 +78,7 @@ class Ddc232Converter(wiring.Component):
         place = Signal(range(2 * READBACK_BITS + 1))  # half periods to go: odd ones have the clock high
         over = timer == 0
         warm = Signal(range(WARM_UP + 1))
-        shift = Signal(max(bits, CONFIGURATION_BITS))
+        shift = Signal(bits)
         left = Signal(range(bits))
         word = Signal(range(words))
         low = Signal()  # all bits of the frame so far are low
@@ -103,7 +103,7 @@ class Ddc232Converter(wiring.Component):
 
         wired = Array([Const(taxel is not None, 1) for taxel in plan.places])[word]
         taxel = Array([Const(taxel or 0, len(self.put.place)) for taxel in plan.places])[word]
-        drive(m, self.put, valid=code_due & wired, place=taxel, code=shift[:bits])
+        drive(m, self.put, valid=code_due & wired, place=taxel, code=shift)
         m.d.sync += code_due.eq(0)
 
         def wait(cycles: int):

@@ -101,7 +101,7 @@ class InterfaceRegisters(Block):
                 number, setting = number_of[f"STIM_{name.upper()}"], getattr(self.settings, name)
                 readable[number] = setting
                 with m.If(bus.w_stb & (bus.addr == int(number))):
-                    m.d.sync += setting.eq(Mux(bus.w_data[bits:].any(), ~0, bus.w_data[:bits]))
+                    m.d.sync += setting.eq(Mux(bus.w_data[bits:].any(), ~0, bus.w_data))
         with m.If(bus.r_stb):
             m.d.sync += [was_mine.eq(mine), r_data.eq(0)]
             with m.Switch(bus.addr):

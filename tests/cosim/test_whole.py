@@ -28,7 +28,7 @@ DESIGNS = {
         "decision": "last",
         "steps": 5,
         "store_per_window": 6,
-        "touch_frames": 40,
+        "touch_frames": 65,
     },
     "all kinds, changes": {
         "feature_kinds": FEATURE_KINDS,

@@ -117,8 +117,11 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
     assert after > before + 0.05 and whole_after > whole_before - 0.05, shares
 
 
-@each_row("clip, kind", [(0, "mean"), (9, "mean"), (9, "highest")])
-def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, clip, kind):
+@each_row(
+    "rest, clip, kind",
+    [("initial", 0, "mean"), ("none", 0, "mean"), ("initial", 9, "mean"), ("initial", 9, "highest")],
+)
+def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, rest, clip, kind):
     """In closed form and copy by copy: touches cut short, at other rates, and with the beginning of another one over
     their end; and what a lost taxel, at rest or masked, changes in the logits, as a penalty."""
     for name in ("OFFSET", "COMMON", "DRIFT"):
@@ -126,7 +129,8 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     rng = np.random.default_rng(4)
     labels = np.arange(50) % 2
     features = rng.normal(0, 1, (50, 6, 4)) + (labels[:, None, None] - 0.5) * rng.normal(1, 1, (6, 4))
-    config = CONFIG.replace(rest="initial", rest_frames=4, clip=clip, feature_kinds=(kind,))
+    frames = 4 * (rest == "initial")
+    config = CONFIG.replace(rest=rest, rest_frames=frames, clip=clip, feature_kinds=(kind,))
     arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), 1.0)
     copies = [(1.0, features)]
     for part in linear_fit.CUT_AFTER:
@@ -137,7 +141,8 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
         copies.append((linear_fit.RATE, np.array(moved).swapaxes(1, 2)))
     late = round(linear_fit.OVERLAP_AFTER * 6)
     begun = np.zeros_like(features)
-    begun[:, late:] = (features + 1.5)[:, : 6 - late]  # over the rest level
+    still, at_rest = (features[:, :1], features.mean(axis=0).ravel()) if rest == "none" else (-1.5, -1.5)
+    begun[:, late:] = (features - still)[:, : 6 - late]  # over the rest level
     copies += [(linear_fit.OVERLAP / 50, features + other) for other in begun]
     x = np.concatenate([copy.reshape(50, -1) for _, copy in copies])
     weight = np.repeat([of for of, _ in copies], 50)
@@ -153,7 +158,7 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     for taxel in range(4):
         own = np.tile(np.arange(4) == taxel, 6)
         changes.append(np.sqrt(weight)[:, None] * (x - mean) * own)
-        changes += [(np.sqrt(0.5) * (level - mean) * own)[None] for level in (-1.5, 0.0)]
+        changes += [(np.sqrt(0.5) * (level - mean) * own)[None] for level in (at_rest, 0.0)]
     centred = np.concatenate([np.sqrt(weight)[:, None] * (x - mean), *(root * rows for rows in changes)])
     share = weight @ indicators
     targets = np.zeros((len(centred), 2))

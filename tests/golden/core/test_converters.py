@@ -63,6 +63,7 @@ REFUSED = [
         r"12 electrodes over I2C at 50 kHz take \d+ us.*at most \d+ Hz works as it is",
         145.0,
     ),
+    (MPR | dict(clock_hz=12e4, sample_rate_hz=100.0), "over I2C at 10 kHz take 32417 us", 27.0),
     (MPR | dict(sample_rate_hz=260.0), "is 260; an MPR121 has new data 250 times a second", 250.0),
 ]
 """Fields, the words of the refusal, and the rate that then works."""

@@ -27,7 +27,9 @@ def frame_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.ndar
 def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.ndarray) -> list[dict]:
     """What leaves for it."""
     frames = len(deviations)
-    spans, lengths, doublings = divided(config, Ended(1, int(np.flatnonzero(loud)[-1]) + 1, frames, False))
+    spans, lengths, doublings = divided(
+        config, Ended(1, max(np.flatnonzero(loud) + 1, default=0), frames, False)
+    )
     sums, complete = window_values(config, deviations, 1, spans, doublings)
     return [
         {"complement": ~int(value), "taxel": place // config.kinds, "length": int(lengths[k])}
@@ -45,21 +47,24 @@ def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.nda
     steps=st.integers(1, 4),
     store=st.sampled_from([2, 3]),
     kinds=st.sampled_from([("mean",), ("mean", "highest", "lowest"), ("mean", "integral"), ("lowest",)]),
+    knee=st.sampled_from([0, 8]),
     stalls=st.sampled_from([(0.0, 0.0), *SIDES]),
     seed=st.integers(0, 1 << 30),
 )
-def test_any_touches(taxels, hop, steps, store, kinds, stalls, seed):
+def test_any_touches(taxels, hop, steps, store, kinds, knee, stalls, seed):
     """Touches one behind the other, too short for a sum up to the longest, of the largest deviations too."""
     store += steps * store % 2  # sums are added in pairs
-    whole = dict(window_mode="whole", pretrigger_frames=0, hop=hop, window=2 * hop, steps=steps)
-    sizes = dict(taxels=taxels, store_per_window=store, touch_frames=13 * hop * steps, feature_kinds=kinds)
-    config = AcceleratorConfig.of(**(BASE | BAND | whole | sizes | dict(rearm_frames=5, decision="last")))
+    whole = dict(window_mode="whole", pretrigger_frames=0, rearm_frames=5, decision="last")
+    whole |= dict(hop=hop, window=2 * hop, steps=steps, touch_frames=13 * hop * steps)
+    whole |= dict(taxels=taxels, store_per_window=store, feature_kinds=kinds)
+    # with knee 0 a companded integral is wider than any sum that is stored
+    whole |= dict(integral_knee=knee, integral_frac=12 - knee // 2, clip=0 if knee else 7)
+    config = AcceleratorConfig.of(**(BASE | BAND | whole))
     rng, bound = np.random.default_rng(seed), config.deviation_bound
     given_beats, expected = [], []
-    for frames in (*rng.integers(1, config.last_frame, 3), config.last_frame):
+    for frames in (*rng.integers(1, config.last_frame, 2), rng.integers(1, hop + 1), config.last_frame):
         deviations = rng.choice([-bound, bound, 0, 3], (frames, taxels))
-        loud = rng.random(frames) < 0.3
-        loud[0] = True
+        loud = rng.random(frames) < rng.choice([0.0, 0.3])
         given_beats += frame_beats(config, deviations, loud)
         expected += window_beats(config, deviations, loud)
     out, _ = play(TouchDivider(config), given_beats, stalls=stalls, seed=seed, quiet=500)

@@ -24,7 +24,8 @@ from tests.support.table import each_row
 
 def play(body, **changes):
     """Run ``async body(ctx, dut, write, read)`` on a HostControl of 20 taxels."""
-    dut = HostControl(PRESETS["thesis"].replace(taxels=20, masked_taxels=(1, 17), **changes))
+    sensor = dict(taxels=20, masked_taxels=(1, 17))
+    dut = HostControl(PRESETS["thesis"].replace(**sensor | changes))
 
     async def bench(ctx):
         ctx.set(dut.decider_idle, 1)
@@ -85,11 +86,13 @@ def test_loading_and_a_refused_write(checksum):
         assert not await read(Register.STATUS) & Status.TOUCH
         assert await read(Register.FAULTS) == Fault.WRITE_REFUSED, "faults are sticky"
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
-        for fault in (0, 0, Fault.WRITE_REFUSED * checksum):  # two means of two words
-            await write(Register.MEMORY_DATA, 1)
+        await write(Register.MEMORY_SELECT, 0)
+        for words, fault in ((64, 0), (1, Fault.WRITE_REFUSED * checksum)):
+            for _ in range(words):
+                await write(Register.MEMORY_DATA, 1)
             assert await read(Register.FAULTS) == fault
 
-    play(body, checksum=checksum)
+    play(body, checksum=checksum, taxels=16, masked_taxels=(), hidden=4, lanes=4)
 
 
 @each_row(

@@ -20,6 +20,8 @@ def test_only_unused_addresses_are_held(cell, lanes):
         for name in ADDRESSES:
             if name in fields:
                 assert after[slot][name] == fields[name]
+            elif slot > 0 and name not in holding.counted:
+                assert after[slot][name] == after[slot - 1][name]
             assert after[slot][name] <= max(word[name] for word in before)  # no wider
             changes[0] += slot > 0 and before[slot][name] != before[slot - 1][name]
             changes[1] += slot > 0 and after[slot][name] != after[slot - 1][name]

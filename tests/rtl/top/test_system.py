@@ -1,5 +1,7 @@
 """The board top: its ports with loadable and fixed memories, and its pins after reset."""
 
+import re
+
 import pytest
 from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
@@ -16,15 +18,24 @@ from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-@each_row("changes", [{"taxels": 40, "lanes": 1}, {"loadable": False, "margin_threshold": 3}])
-def test_elaborates_with_the_ports_of_a_board(changes):
+@each_row(
+    "changes, options, expected",
+    [
+        ({"taxels": 40, "lanes": 1}, {}, "rx tx decision led"),
+        ({"loadable": False, "margin_threshold": 3}, {}, "rx tx decision led unsure"),
+        ({"margin_threshold": 3}, {"host": None}, "bus busy s m"),
+        ({}, {"host": "wishbone", "source": "stream"}, "wb irq busy s"),
+    ],
+)
+def test_elaborates_with_the_ports_of_a_board(changes, options, expected):
+    """Their first words: ``s`` of frames that come as a stream, ``m`` of decisions that leave as one."""
     model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
     images = None if model.config.hardware.loadable else memory_images(model.config, model.arrays)
-    text = rtlil.convert(System(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
+    dut = System(model.config, images, clock_hz=48e6, **options)
+    text = rtlil.convert(dut, name="board_top", emit_src=False)
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
-    ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
-    unsure = {"\\unsure"} if model.config.network.margin_threshold else set()
-    assert ports == {*r"\clk \rst \rx \tx \decision \decision_valid \led".split()} | unsure
+    ports = re.findall(r"put \d+ +\\([a-z]+)", top)
+    assert {*ports} == {"clk", "rst", *expected.split()}
 
 
 @each_row("class_pins, bits", [("each", 20), ("binary", 5)])
