@@ -623,17 +623,16 @@ def _for_trees(judged: Sequence[ScoredCandidate]) -> tuple[AcceleratorConfig, ..
         return ()
     best = best_of(dividing).candidate.front_end
     densest = min(scored.config.sensor.scan_every for scored in dividing)
-    means = dict.fromkeys(
-        scored.candidate.front_end
+    means = [
+        valid(scored.candidate.front_end, feature_scale=best.features.feature_scale)
         for scored in sorted(dividing, key=lambda scored: scored.config.windows.steps)
         if _same_gate(scored.candidate.front_end, best)
         and scored.config.windows.steps in FOREST_WINDOWS
         and scored.config.features.feature_kinds == ("mean",)
         and scored.config.sensor.scan_every == densest
-        and scored.config.features.feature_scale == best.features.feature_scale
-    )
-    active = (valid(on, feature_kinds=("mean", "activity"), activity_rule="change") for on in means)
-    return tuple(dict.fromkeys([*means, *filter(None, active)]))
+    ]
+    active = [on and valid(on, feature_kinds=("mean", "activity"), activity_rule="change") for on in means]
+    return tuple(on for on in dict.fromkeys(means + active) if on)
 
 
 def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:

@@ -199,6 +199,8 @@ def test_trees_are_tried_on_few_windows_of_the_touch_with_all_scans_and_activity
     assert list(found[:2]) == few
     active = dict(feature_kinds=("mean", "activity"), activity_rule="change")
     assert [on.replace(name="derived") for on in found[2:]] == [on.replace(**active) for on in few]
+    scaled = listed([*everything, dividing(95, 20, feature_scale="taxel")], priced()).for_trees
+    assert list(scaled) == [on.replace(feature_scale="taxel", name="derived") for on in found]
     assert listed([judged(99)], priced()).for_trees == ()
 
 
