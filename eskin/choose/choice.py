@@ -541,7 +541,7 @@ def train_chosen(
     touches = settings.datasets.of(taken.config, taken.recipe).touches
     ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
     notes = _compared(validated, len(touches), plan, settings, search_options, taken, rows)
-    notes.reasons = [*plan.reasons, *_reasons(plan, taken, rows), *network_search.exceptions, *ended]
+    notes.reasons = [*plan.reasons, *_reasons(plan, taken, rows), *network_search.remarks, *ended]
     if plan.screened:
         notes.front_end = plan.record(taken.front_end)
     if rows:

@@ -77,8 +77,8 @@ TREES_GAIN = 0.1
 """About what trees gain by learning from a second group, beyond what a linear cell gains: 4 to 11 points on pvdf_indent, biotac_slide
 and sign_glove."""
 LEFT_OUT = (
-    "linear cells are left out: with two folds of one group each, a second group gains trees more, and these are at most "
-    f"{TREES_GAIN:.0%} of the recordings behind"
+    f"linear cells are left out: trees are at most {TREES_GAIN:.0%} of the recordings behind them, each fold learns from one "
+    "group alone, and a second group helps trees more"
 )
 
 STURDY: dict[str, Record] = {
@@ -290,7 +290,7 @@ class NetworkSearch(Search):
         return others if best_of(linear).accuracy - best_of(forests).accuracy <= TREES_GAIN else self.tried
 
     @property
-    def exceptions(self) -> list[str]:
+    def remarks(self) -> list[str]:
         """A sentence if the rule leaves linear cells out."""
         return [LEFT_OUT] if len(self.comparable) < len(self.tried) else []
 
@@ -531,7 +531,7 @@ def robust_recurrent(search: NetworkSearch) -> Request:
             gates.setdefault((on.rest_level, on.onset_rule), on)
     sturdiest = sorted(gates.values(), key=hardening.stress.false_onsets)[:GATES_AHEAD]
     ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]
-    few = [many for on in ons for many in hardening.spread(on) if many.windows.steps == SPREAD[0]]
+    few = [on for gate in ons for on in hardening.spread(gate) if on.windows.steps == SPREAD[0]]
     units = search.effort.units[-2:]
     fitting = search.in_price(
         search.options.possible(on, "gru", count, fit)

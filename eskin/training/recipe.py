@@ -26,13 +26,13 @@ class Recipe:
     warp (log-uniform); 1 = none. gain: its amplitude is multiplied by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
     answers to the rate of change. channel_dropout: probability with which a taxel is lost for the whole
-    touch: as often masked as at rest. offset: factor of the offsets and of the drift of means; their standard
-    deviations, in deviations of the means, are the variances of `eskin.training.linear_fit`. taxel_failure:
-    probability with which a taxel sticks at a limit in the touch, is found after FAULTY_WINDOWS and masked
-    from there on. penalty: of a linear cell,
-    which is fitted as a logistic regression on all windows of a touch (`eskin.training.linear_fit`): the
-    inverse penalty of its weights on standardised inputs, as scikit-learn has it; loss, learning_rate,
-    one_cycle and weight_limit have no effect then.
+    touch: as often masked as at rest. offset: factor of the offsets and of the drift of means. Without it their
+    standard deviations are OFFSET, COMMON and DRIFT of `eskin.training.linear_fit` (which uses these numbers as
+    variances), in deviations of the means. taxel_failure: probability with which a taxel sticks at a limit in
+    the touch, is found after FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is
+    fitted as a logistic regression on all windows of a touch (`eskin.training.linear_fit`): the inverse
+    penalty of its weights on standardised inputs, as scikit-learn has it; loss, learning_rate, one_cycle and
+    weight_limit have no effect then.
     squares: a linear cell is a ridge regression on the classes' indicators instead; ridge: its penalty, as a
     share of the mean squared length of a touch's inputs; 0: chosen by leaving touches out. averaged: it is the
     mean of both. sturdy: it is fitted under the disturbances of `eskin.training.linear_fit.fit_sturdy`, with

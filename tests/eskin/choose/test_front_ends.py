@@ -205,7 +205,7 @@ def test_trees_are_tried_on_few_windows_of_the_touch_with_all_scans_and_activity
 
 
 def test_a_part_is_judged_as_if_it_were_all_there_is(at_random, found):
-    """That labels of the others are not looked at, tests/eskin/choose/test_choice.py shows of a whole choice."""
+    """tests/eskin/choose/test_choice.py shows that a whole choice does not look at the labels of the others."""
     front_ends = found.front_ends
     folds, everything = inner_folds(at_random, ["day"]), np.arange(len(at_random))
     for config in (BASE, found.config):

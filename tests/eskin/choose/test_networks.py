@@ -177,8 +177,8 @@ def test_trees_find_their_front_end_with_the_most_and_are_not_tried_if_a_cell_is
         for candidate in (OPEN.candidate(CONFIG, "linear"), OPEN.forest(single, 16, 8))
     ]
     state = dataclasses.replace(started(CONFIG, [CONFIG], OPEN, effort, np.arange(4), []), tried=tied)
-    assert "linear cells are left out" in state.exceptions[0]
-    assert not dataclasses.replace(state, effort=INSIDE).exceptions
+    assert "linear cells are left out" in state.remarks[0]
+    assert not dataclasses.replace(state, effort=INSIDE).remarks
     monkeypatch.setattr("eskin.choose.networks.MOST_FOREST_VALUES", 400 * single.inputs)
     assert tried(lambda made: 300, INSIDE)[0] == [(1, 4)]  # two windows are too many values
 
