@@ -106,6 +106,15 @@ class ScoredCandidate:
         disturbed = partial(_wrong, candidate.config, stress, decisions, rows) if stress else None
         return cls(candidate, correct, decisions=decisions, stress=stress, disturbed=disturbed)
 
+    def guarded(self, front_end: AcceleratorConfig, rows: np.ndarray) -> ScoredCandidate:
+        """The same networks on ``front_end``, which is theirs with a fault detector. It raises no flag on recordings
+        without a disturbance, so that decisions on these stay."""
+        assert self.decisions is not None
+        faults = {name: front_end.value(name) for name in ("fault_frames", "fault_activity")}
+        config = self.candidate.config.replace(**faults)
+        candidate = dataclasses.replace(self.candidate, front_end=front_end, config=config)
+        return ScoredCandidate.of(candidate, self.decisions, rows, self.stress)
+
     @property
     def seeds(self) -> list[int]:
         """Seeds of its networks."""

@@ -22,12 +22,14 @@ ROWS = 12
 def front_end_words(row: FrontEnd) -> str:
     """A front end in words."""
     level = "no rest level" if row.rest == "none" else f"{row.rest} rest level"
+    level += " of one frame" if row.rest_frames == 1 else ""
     gate = {"immediate": "open at once", "band": "onset by band"}.get(
         row.onset, f"onset at {row.onset_threshold} codes"
     )
     preset = f"preset {row.name}: " if row.name in PRESETS else ""
     defences = f", {row.onset_hits} of {row.onset_span} checks" if row.onset_span > 1 else ""
     defences += f", clip at {row.clip} codes" if row.clip else ""
+    defences += f", taxels still for {row.fault_frames} scans masked" if row.fault_frames else ""
     scale = "one scale" if row.feature_scale == "array" else "a scale a taxel"
     activity = (
         f" (|{row.activity_rule}| of {row.activity_block} frame{'s' * (row.activity_block > 1)})"

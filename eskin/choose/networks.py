@@ -17,7 +17,7 @@ tried on windows that divide the touch, with FORESTS[PROBED] on each of `Listed.
 
 If networks are judged under disturbance, the one that the rule takes by undisturbed recordings is then tried
 on sturdier front ends (`eskin.choose.sturdy`). Linear cells fitted to disturbed touches and GRUs trained with
-failing taxels are tried too, as far as the rule could take them in its place.
+failing taxels are tried too, and the best of all with a fault detector, as far as the rule could take them in its place.
 
 Each of these steps is a row of MOVES (`eskin.choose.search`). A `NetworkSearch` is a choice on one set of
 recordings. The main choice is one of them, and so is each choice inside the training part of a fold: these make
@@ -91,6 +91,8 @@ GATES_AHEAD, RECURRENT = 2, 4
 """Numbers of front ends that recurrent cells are tried on under disturbance, and of these cells."""
 DIVIDED = 4
 """Number of gates on which windows that divide the touch are tried under disturbance."""
+GUARDED = 3
+"""Number of candidates that are tried with a fault detector."""
 AGAIN = 2
 """Maximum number of candidates under disturbance that are scored with other seeds."""
 
@@ -551,6 +553,18 @@ def ahead_of(search: NetworkSearch) -> list[ScoredCandidate]:
     )
 
 
+def fault_detectors(search: NetworkSearch) -> Request:
+    """The best candidates so far with a fault detector. Their networks stay, so nothing is fitted."""
+    if search.calm is None or search.hardening is None:
+        return Request()
+    for scored in ahead_of(search)[:GUARDED]:
+        on = search.hardening.guarded(scored.candidate.front_end)
+        guarded = on and scored.guarded(on, search.rows)
+        if guarded and search.in_price([guarded.candidate]):
+            search.tried.append(guarded)
+    return Request()
+
+
 def seeds_under_stress(search: NetworkSearch) -> Request:
     """Further seeds of the candidates that are level under disturbance."""
     calm = search.calm
@@ -594,6 +608,7 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("windows that divide the touch", windows_of_the_touch),
     Move("trees fitted to disturbances", robust_trees),
     Move("recurrent cells trained under disturbance", robust_recurrent),
+    Move("fault detectors", fault_detectors),
     Move("further seeds under disturbance", seeds_under_stress),
     Move("what a higher cost gains", robust_dearer),
 )

@@ -1,14 +1,14 @@
 """Sturdier front ends, on which networks are tried if they are judged under disturbance.
 
-An onset rule that checks several times, a tracked rest level, and a clip near the largest deviations cost logic
-cells and no energy. More scans and more windows cost energy of a touch; they are tried only as far as the rule
+An onset rule that checks several times, a tracked rest level, a clip near the largest deviations, and a fault detector
+cost logic cells and no energy. More scans and more windows cost energy of a touch; they are tried only as far as the rule
 allows. No label is used.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ from eskin.choose.candidate import CLEAN_LOSS
 from eskin.choose.front_ends import WHOLE, Screen, block_of, valid, whole
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
+from eskin.golden.model.preprocess import activity
 from eskin.training.derive import settling_frames
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ GATES = (
     (2, 2, 1.0),
     (3, 4, 1.0),
     (6, 6, 1.0),
+    (3, 4, 1.1),
+    (3, 4, 1.25),
     (3, 4, 1.5),
     (5, 6, 1.5),
     (5, 6, 2.0),
@@ -46,6 +49,11 @@ STEADY = tuple(steps for steps, _ in WHOLE[:2])
 SPREAD = (10, 20, 31)
 """Numbers of windows over more of a touch."""
 
+BLOCKS = (16, 32, 64, 128, 256)
+"""Blocks of a fault detector, frames."""
+LEAST_ACTIVITY, FAILED = 8, 0.25
+"""Least activity of a sound taxel in a block, codes, and the share of it that a failed taxel has at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Hardening:
@@ -57,6 +65,7 @@ class Hardening:
     stress: Panel
     screen: Screen | None = None
     _known: dict[AcceleratorConfig, list[AcceleratorConfig]] = field(default_factory=dict, repr=False)
+    _activities: dict[tuple[int, int], int] = field(default_factory=dict, repr=False)
 
     def sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """Result of ``_sturdier``, cached because folds ask again."""
@@ -68,7 +77,8 @@ class Hardening:
         """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
         GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
         they open least). Compared with ``config``, a gate may miss the touch in a share CLEAN_LOSS more of the
-        recordings at most. If ``config`` opens at once, only each of CLIPS is tried."""
+        recordings at most. If ``config`` opens at once, only each of CLIPS is tried, with its level and with the level of
+        one frame: a spike in any frame of the level moves the whole touch."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")
@@ -83,7 +93,8 @@ class Hardening:
             # columns of different kinds: one clip would only affect those with the largest codes
             clips = [before]
         if config.opens_at_once:
-            found = [valid(level, clip=clip) for clip in clips]
+            frames = [config.rest_level.rest_frames] + [1] * (config.rest_level.rest == "initial")
+            found = [valid(level, clip=clip, rest_frames=count) for count in frames for clip in clips]
         else:
             fewest = len(self.screen.touches(config)) - CLEAN_LOSS * len(self.screen.recordings)
             found = list(self._gates(level, clips[0], fewest))
@@ -147,8 +158,37 @@ class Hardening:
                 base = valid(base, clip=0, **level) or base  # a clip would hide the largest deviations
             for on in whole(base, self.screen.longest):
                 if on.windows.steps in STEADY:
-                    found += (self.sturdier(on)[-1:] if on.opens_at_once else []) or [on]
+                    clipped = self.sturdier(on) if on.opens_at_once else []
+                    clipped = [each for each in clipped if replace(each.rest_level, clip=0) == on.rest_level]
+                    found += clipped[-1:] or [on]
         return found
+
+    def guarded(self, config: AcceleratorConfig) -> AcceleratorConfig | None:
+        """``config`` with a fault detector, whose block is the shortest in which every taxel shows LEAST_ACTIVITY, so that
+        it raises no flag on the recordings. None: samples stand still for longer, or it has a detector."""
+        if self.screen is None or config.faults.fault_frames:
+            return None
+        for frames in BLOCKS:
+            guarded = valid(config, fault_frames=frames)
+            least = self._least_activity(guarded) if guarded else 0
+            if guarded and least >= LEAST_ACTIVITY:
+                return valid(guarded, fault_activity=int(FAILED * least))
+        return None
+
+    def _least_activity(self, config: AcceleratorConfig) -> int:
+        """Least activity of a taxel in a block of the recordings, codes; 0: no recording holds a block."""
+        key = config.sensor.scan_every, config.faults.fault_frames
+        if key not in self._activities:
+            scans = self.stress.everything.scanned(config.sensor.scan_every)
+            least = list[int]()
+            for number in range(len(scans)):
+                samples = scans.recording(number)[:, config.sensor.live]
+                if blocks := len(samples) // config.faults.fault_frames:
+                    whole = samples[: blocks * config.faults.fault_frames]
+                    by_block = whole.reshape(blocks, -1, samples.shape[1]).swapaxes(0, 1)
+                    least.append(int(activity(config, by_block).min()))
+            self._activities[key] = min(least, default=0)
+        return self._activities[key]
 
     def spread(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with each of SPREAD windows of its hop or shorter, which nearly all touches complete: with its

@@ -16,11 +16,13 @@ class FrontEnd(Result):
 
     name: str
     rest: str
+    rest_frames: int = 0
     onset: str
     onset_threshold: int = 0
     onset_hits: int = 1
     onset_span: int = 1
     clip: int = 0
+    fault_frames: int = 0
     scan_every: int = 1
     window_mode: str = "free"
     hop: int

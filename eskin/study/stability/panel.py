@@ -114,7 +114,8 @@ class _OnFrontEnd:
 class Panel:
     """The panel on one set of recordings.
 
-    rows: those that are disturbed. weights: of the modes in a mean. seed: of the disturbances.
+    everything: the recordings. rows: those that are disturbed. weights: of the modes in a mean. seed: of the
+    disturbances.
 
     Raises
     ------
@@ -140,7 +141,7 @@ class Panel:
         self.weights = {name: weight for name, weight in weights.items() if weight > 0}
         if not self.weights:
             raise InputError("`stress`: gives no mode a weight above 0; give one, or `stress` off")
-        self._turns, self._all, self._seed = turns, recordings, seed
+        self.everything, self._turns, self._seed = recordings, turns, seed
         self.rows = recordings.evenly(count)
         self._recordings = recordings.subset(self.rows)
         self._known: dict[str, _OnFrontEnd] = {}
@@ -173,7 +174,7 @@ class Panel:
         for mode, experiment in self._modes(config):
             for played in experiment.cases(scene).values():
                 played = replace(played, rows=self.rows[played.rows])
-                wrong = np.full(len(self._all), np.nan)
+                wrong = np.full(len(self.everything), np.nan)
                 wrong[played.rows] = experiment.opened(scene, played) if experiment.gate_only else 1.0
                 if not experiment.gate_only:
                     size = sum(one.recordings.samples.size for _, one in waiting)
@@ -187,23 +188,27 @@ class Panel:
 
     def false_onsets(self, config: AcceleratorConfig) -> float:
         """Sum over modes of the shares of recordings in which the gate opens when it must not: rows of gates
-        alone, and those that make taxels louder all along. The windows hardly matter, so gates are looked at
-        once."""
+        alone, and those that make taxels louder all along. All recordings of the panel are looked at if the gate stays
+        shut on those of ``brief``. The windows hardly matter, so gates are looked at once."""
         key = config.rest_level, config.onset_rule, config.sensor.scan_every
         if key not in self._gates:
-            # every taxel in turn: any single taxel may open the gate
-            scene, total = replace(self.brief._scene(config), turns=self._turns), 0.0
-            for mode, experiment in self._modes(config):
-                if experiment.gate_only or mode.name in LOUDER:
-                    cases = experiment.cases(scene).values()
-                    total += max(float(np.mean(experiment.opened(scene, played))) for played in cases)
-            self._gates[key] = total
+            self._gates[key] = self.brief._opened(config, self._turns) or self._opened(config, self._turns)
         return self._gates[key]
+
+    def _opened(self, config: AcceleratorConfig, turns: int) -> float:
+        """The sum of ``false_onsets`` on the recordings of this panel."""
+        # every taxel in turn: any single taxel may open the gate
+        scene, total = replace(self._scene(config), turns=turns), 0.0
+        for mode, experiment in self._modes(config):
+            if experiment.gate_only or mode.name in LOUDER:
+                cases = experiment.cases(scene).values()
+                total += max(float(np.mean(experiment.opened(scene, played))) for played in cases)
+        return total
 
     @cached_property
     def brief(self) -> Panel:
         """The same on fewer recordings, half of all at most."""
-        return Panel(self._all, self.weights, min(BRIEF, -(-len(self._all) // 2)), BRIEF_TURNS)
+        return Panel(self.everything, self.weights, min(BRIEF, -(-len(self.everything) // 2)), BRIEF_TURNS)
 
     def unseen(self, decisions: Decisions) -> Disturbed:
         """Figures of networks that `brief` chose, on test recordings that it does not have, under disturbances
@@ -219,12 +224,12 @@ class Panel:
         folds = dict[int, list[tuple[Fold, FittedNetwork]]]()
         for fitted in decisions.fitted:
             folds.setdefault(fitted[0].number, []).append(fitted)
-        correct = decisions.correct.reindex(range(len(self._all)), fill_value=0.0).to_numpy()
+        correct = decisions.correct.reindex(range(len(self.everything)), fill_value=0.0).to_numpy()
         for networks in folds.values():
             config = networks[0][1].real.config
             if not len(rows := np.setdiff1d(networks[0][0].test, self.brief.rows)):
                 continue
-            count, fold = -(-RECORDINGS // len(folds)), self._all.subset(rows)
+            count, fold = -(-RECORDINGS // len(folds)), self.everything.subset(rows)
             panel = Panel(fold, self.weights, count, self._turns, OTHER_SEED)
             right = correct[rows[panel.rows]]
             if not right.any():  # perhaps no touch is found, and then none can be disturbed
@@ -266,12 +271,12 @@ class Panel:
             Recordings that it has not seen.
         """
         on = self._on(config)
-        wrong = np.array(on.wrong).reshape(-1, len(self._all))
+        wrong = np.array(on.wrong).reshape(-1, len(self.everything))
         for touches, case in on.found:
             asked = np.isin(touches.recording, test)
             some = touches.take(asked)
             some = replace(some, sums=some.sums.astype(np.int64))
-            right = decide_touches(model, some).decision == self._all.labels[some.recording]
+            right = decide_touches(model, some).decision == self.everything.labels[some.recording]
             wrong[case[asked], some.recording] = ~right
         return wrong[:, test]
 

@@ -118,10 +118,17 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
 
 
 @each_row(
-    "rest, clip, kind",
-    [("initial", 0, "mean"), ("none", 0, "mean"), ("initial", 9, "mean"), ("initial", 9, "highest")],
+    "rest, clip, kind, sets, mode",
+    [
+        ("initial", 0, "mean", 6, "free"),
+        ("initial", 0, "mean", 1, "free"),
+        ("initial", 0, "mean", 6, "whole"),
+        ("none", 0, "mean", 6, "free"),
+        ("initial", 9, "mean", 6, "free"),
+        ("initial", 9, "highest", 6, "free"),
+    ],
 )
-def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, rest, clip, kind):
+def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, rest, clip, kind, sets, mode):
     """In closed form and copy by copy: touches cut short, at other rates, and with the beginning of another one over
     their end; and what a lost taxel, at rest or masked, changes in the logits, as a penalty."""
     for name in ("OFFSET", "COMMON", "DRIFT"):
@@ -129,26 +136,35 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     rng = np.random.default_rng(4)
     labels = np.arange(50) % 2
     features = rng.normal(0, 1, (50, 6, 4)) + (labels[:, None, None] - 0.5) * rng.normal(1, 1, (6, 4))
-    frames = 4 * (rest == "initial")
-    config = CONFIG.replace(rest=rest, rest_frames=frames, clip=clip, feature_kinds=(kind,))
+    level = dict(rest=rest, rest_frames=4 * (rest == "initial"), clip=clip)
+    of_window = "window" if sets > 1 else "one"
+    config = CONFIG.replace(**level, feature_kinds=(kind,), weight_sets=of_window, window_mode=mode)
+
+    def inputs(values: np.ndarray) -> np.ndarray:
+        return values.reshape(50, sets, -1, 4).sum(axis=2).reshape(50, -1)
+
     arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), 1.0)
     copies = [(1.0, features)]
-    for part in linear_fit.CUT_AFTER:
-        copies.append((linear_fit.CUT, features * (np.arange(6) < round(part * 6))[:, None]))
-    for factor in linear_fit.RATES:
+    rates = {factor: linear_fit.RATE for factor in linear_fit.RATES}
+    if mode == "whole":  # windows that divide half or three quarters of a touch
+        rates = {0.5: linear_fit.HALVED, 0.75: linear_fit.CUT}
+    for last in () if mode == "whole" else (3, 4, 5):
+        share = linear_fit.CUT / 3 + linear_fit.HALVED * (last == 3)
+        copies.append((share, features * (np.arange(6) < last)[:, None]))
+    for factor, share in rates.items():
         at = np.minimum(np.arange(6) * factor, 5)
         moved = [[np.interp(at, np.arange(6), taxel) for taxel in touch.T] for touch in features]
-        copies.append((linear_fit.RATE, np.array(moved).swapaxes(1, 2)))
+        copies.append((share, np.array(moved).swapaxes(1, 2)))
     late = round(linear_fit.OVERLAP_AFTER * 6)
     begun = np.zeros_like(features)
-    still, at_rest = (features[:, :1], features.mean(axis=0).ravel()) if rest == "none" else (-1.5, -1.5)
+    still, at_rest = (features[:, :1], features.mean(axis=0).ravel()) if rest == "none" else (-1.5, -9 / sets)
     begun[:, late:] = (features - still)[:, : 6 - late]  # over the rest level
     copies += [(linear_fit.OVERLAP / 50, features + other) for other in begun]
-    x = np.concatenate([copy.reshape(50, -1) for _, copy in copies])
+    x = np.concatenate([inputs(copy) for _, copy in copies])
     weight = np.repeat([of for of, _ in copies], 50)
     weight = weight / weight.sum()
     indicators = np.tile(np.eye(2)[labels], (len(copies), 1))
-    unit = features.reshape(50, -1).var(axis=0).sum()
+    unit = inputs(features).var(axis=0).sum()
     # one frame of a window's eight; half of the spikes of a touch of 28 frames are of an extreme's sign
     hit = linear_fit.SPIKED * (1 / 8 if kind == "mean" else 28 / 2)
     penalty = linear_fit.SMOOTH * unit / 50 + hit * (clip / 2.0) ** 2
@@ -156,7 +172,7 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     mean, root = weight @ x, np.sqrt(linear_fit.LOST / 4)
     changes = []
     for taxel in range(4):
-        own = np.tile(np.arange(4) == taxel, 6)
+        own = np.tile(np.arange(4) == taxel, sets)
         changes.append(np.sqrt(weight)[:, None] * (x - mean) * own)
         changes += [(np.sqrt(0.5) * (level - mean) * own)[None] for level in (at_rest, 0.0)]
     centred = np.concatenate([np.sqrt(weight)[:, None] * (x - mean), *(root * rows for rows in changes)])
@@ -169,5 +185,10 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
         return (rows - mean) @ ridge.coef_.T + share
 
     turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted(x), np.array([25, 25]))
-    due = fitted(features.reshape(50, -1)) @ turn + bias
-    assert np.allclose(logits(arrays, features), due, rtol=1e-6, atol=1e-9)
+    due = fitted(inputs(features)) @ turn + bias
+    assert np.allclose(
+        inputs(features) @ arrays["V"].swapaxes(0, 1).reshape(2, -1).T + arrays["b_y"],
+        due,
+        rtol=1e-6,
+        atol=1e-9,
+    )

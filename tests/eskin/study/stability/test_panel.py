@@ -1,7 +1,7 @@
 """The panel of disturbances that networks are chosen by: the suite's own figures, and the rule that heeds them."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -22,14 +22,16 @@ from eskin.choose.choice import configure, train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
-from eskin.choose.sturdy import SELDOM, Hardening
+from eskin.choose.sturdy import BLOCKS, SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import find_touches
 from eskin.rtl.top import standby
 from eskin.study.stability.core import At, Experiment, Scene
 from eskin.study.stability.disturbances import noisy
 from eskin.study.stability.panel import EXPERIMENTS, OSCILLATOR, OTHER_SEED, PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
-from eskin.training.judge import Fold
+from eskin.training.datasets import Datasets
+from eskin.training.judge import Decisions, FittedNetwork, Fold
 from eskin.training.recipe import RECIPES
 from eskin.training.record import Disturbed
 from eskin.training.settings import TrainingSettings
@@ -213,10 +215,37 @@ def test_a_sturdier_gate_is_not_opened_by_a_glitch():
     assert panel.false_onsets(hard) == 0 and all(0 < panel.false_onsets(one) <= SELDOM for one in lighter)
     assert hard.rest_level.rest == "tracked" and hard.rest_level.clip > hard.onset_rule.onset_threshold
     once = plain.replace(onset="immediate")
-    assert [one.rest_level.clip for one in hardening.sturdier(once)] == sorted(
-        {one.rest_level.clip for one in hardening.sturdier(once)}, reverse=True
-    )
+    levels = [on.rest_level for on in hardening.sturdier(once)]
+    assert [level.rest_frames for level in levels] == [32, 32, 1, 1]
+    assert levels[0].clip > levels[1].clip > 0 and [level.clip for level in levels[2:]] == [
+        level.clip for level in levels[:2]
+    ]
     assert Hardening(panel).sturdier(plain) == []  # it was asked for
+
+
+def test_a_fault_detector_masks_dead_taxels_and_no_sound_one():
+    recordings, plain = stability_case.recordings(), undetected()
+    hardening = Hardening(Panel(recordings, {"one dead taxel, worst": 1.0}), Screen(recordings))
+    guarded = hardening.guarded(plain.config)
+    assert guarded == plain.config.replace(name="derived", **asdict(guarded.faults))
+    assert (
+        guarded.faults.fault_frames == BLOCKS[1]
+    )  # in 16 frames some taxel changes by less than LEAST_ACTIVITY
+    assert not find_touches(guarded, recordings, steps=0).flagged.any()
+    scene = Scene(config=guarded, recordings=recordings, turns=8, seed=1)
+    for taxel, played in enumerate(EXPERIMENTS["one dead taxel, worst"][1].cases(scene).values()):
+        flagged = find_touches(guarded, played.recordings, steps=0).flagged > 0
+        assert flagged[:, taxel].all() and flagged.sum() == len(flagged)
+    fold = Fold(np.arange(0), np.arange(len(recordings)), 0)
+    fitted = FittedNetwork(plain.real, plain.model, Datasets(recordings).of(plain.config, RECIPES["robust"]))
+    decisions = Decisions.of([(fold, fitted)], recordings.labels)
+    bare = Candidate(plain.config, plain.config, RECIPES["robust"])
+    masked = ScoredCandidate.of(bare, decisions, fold.test, hardening.stress).guarded(guarded, fold.test)
+    assert masked.config == plain.config.replace(**asdict(guarded.faults))
+    assert masked.candidate.front_end == guarded and masked.score == 1
+    still = replace(recordings, samples=recordings.samples // 1000)  # a sound taxel would be masked
+    assert Hardening(Panel(still), Screen(still)).guarded(plain.config) is None
+    assert hardening.guarded(guarded) is None and Hardening(hardening.stress).guarded(plain.config) is None
 
 
 def test_windows_that_divide_a_touch_are_sturdy_with_more_scans_and_without_the_level():
