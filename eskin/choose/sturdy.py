@@ -8,7 +8,7 @@ allows. No label is used.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from eskin.choose.candidate import CLEAN_LOSS
 from eskin.choose.front_ends import WHOLE, Screen, block_of, valid, whole
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
-from eskin.golden.model.preprocess import activity
+from eskin.golden.model import find_touches
 from eskin.training.derive import settling_frames
 
 if TYPE_CHECKING:
@@ -44,15 +44,14 @@ SELDOM = 0.1
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
 
-STEADY = tuple(steps for steps, _ in WHOLE[:2])
-"""Numbers of windows that divide the touch: a few windows depend too much on each taxel."""
+STEADY, _ = WHOLE[0]
+"""Number of windows that divide the touch: a few windows depend too much on each taxel."""
 SPREAD = (10, 20, 31)
 """Numbers of windows over more of a touch."""
 
-BLOCKS = (16, 32, 64, 128, 256)
-"""Blocks of a fault detector, frames."""
-LEAST_ACTIVITY, FAILED = 8, 0.25
-"""Least activity of a sound taxel in a block, codes, and the share of it that a failed taxel has at most."""
+BLOCKS, STILL, MARGIN = (16, 32, 64, 128, 256), 16, 4
+"""Blocks of a fault detector, frames. A failed taxel changes by a code in so many frames at most; every sound one must
+change MARGIN times as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class Hardening:
     stress: Panel
     screen: Screen | None = None
     _known: dict[AcceleratorConfig, list[AcceleratorConfig]] = field(default_factory=dict, repr=False)
-    _activities: dict[tuple[int, int], int] = field(default_factory=dict, repr=False)
+    _blocks: dict[int, int] = field(default_factory=dict, repr=False)
 
     def sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """Result of ``_sturdier``, cached because folds ask again."""
@@ -157,38 +156,29 @@ class Hardening:
                 level = dict(rest="initial", rest_frames=settle) if base.rest_level.rest == "none" else {}
                 base = valid(base, clip=0, **level) or base  # a clip would hide the largest deviations
             for on in whole(base, self.screen.longest):
-                if on.windows.steps in STEADY:
+                if on.windows.steps == STEADY:
                     clipped = self.sturdier(on) if on.opens_at_once else []
-                    clipped = [each for each in clipped if replace(each.rest_level, clip=0) == on.rest_level]
-                    found += clipped[-1:] or [on]
+                    tight = min((each.rest_level.clip for each in clipped), default=0)
+                    found += [each for each in clipped if each.rest_level.clip == tight] or [on]
         return found
 
     def guarded(self, config: AcceleratorConfig) -> AcceleratorConfig | None:
-        """``config`` with a fault detector, whose block is the shortest in which every taxel shows LEAST_ACTIVITY, so that
-        it raises no flag on the recordings. None: samples stand still for longer, or it has a detector."""
+        """``config`` with a fault detector of the shortest of BLOCKS that masks no taxel of the recordings, even if it asks for
+        MARGIN times as much activity. None: there is none of at most half a touch, or ``config`` has a detector."""
         if self.screen is None or config.faults.fault_frames:
             return None
-        for frames in BLOCKS:
-            guarded = valid(config, fault_frames=frames)
-            least = self._least_activity(guarded) if guarded else 0
-            if guarded and least >= LEAST_ACTIVITY:
-                return valid(guarded, fault_activity=int(FAILED * least))
-        return None
+        every = config.sensor.scan_every
+        if every not in self._blocks:
+            self._blocks[every] = next((frames for frames in BLOCKS if not self._masks(config, frames)), 0)
+        frames = self._blocks[every]
+        if not 0 < 2 * frames <= config.last_frame:
+            return None
+        return valid(config, fault_frames=frames, fault_activity=frames // STILL)
 
-    def _least_activity(self, config: AcceleratorConfig) -> int:
-        """Least activity of a taxel in a block of the recordings, codes; 0: no recording holds a block."""
-        key = config.sensor.scan_every, config.faults.fault_frames
-        if key not in self._activities:
-            scans = self.stress.everything.scanned(config.sensor.scan_every)
-            least = list[int]()
-            for number in range(len(scans)):
-                samples = scans.recording(number)[:, config.sensor.live]
-                if blocks := len(samples) // config.faults.fault_frames:
-                    whole = samples[: blocks * config.faults.fault_frames]
-                    by_block = whole.reshape(blocks, -1, samples.shape[1]).swapaxes(0, 1)
-                    least.append(int(activity(config, by_block).min()))
-            self._activities[key] = min(least, default=0)
-        return self._activities[key]
+    def _masks(self, config: AcceleratorConfig, frames: int) -> bool:
+        """A detector with this block and MARGIN masks taxels of the recordings, or there is no such detector."""
+        strict = valid(config, fault_frames=frames, fault_activity=MARGIN * frames // STILL)
+        return strict is None or bool(find_touches(strict, self.stress.everything, steps=0).flagged.any())
 
     def spread(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with each of SPREAD windows of its hop or shorter, which nearly all touches complete: with its
