@@ -201,8 +201,11 @@ class ScoredCandidate:
 
     @property
     def beyond(self) -> int:
-        """Number of modes beyond their bounds."""
-        return sum(not row.held for row in self.figures.modes)
+        """Number of modes beyond their bounds by more than one of the disturbed recordings: one is chance."""
+        if self.stressed is None:
+            return 0
+        chance = 1 / max(int((~np.isnan(self.stressed)).sum()), 1)
+        return sum(beyond(row) > chance + 1e-9 for row in self.figures.modes)
 
     @property
     def worst(self) -> WorstMode | None:

@@ -189,7 +189,7 @@ class Panel:
     def false_onsets(self, config: AcceleratorConfig) -> float:
         """Sum over modes of the shares of recordings in which the gate opens when it must not: rows of gates
         alone, and those that make taxels louder all along. All recordings of the panel are looked at if the gate stays
-        shut on those of ``brief``. The windows hardly matter, so gates are looked at once."""
+        shut on the recordings of ``brief``. The windows hardly matter, so gates are looked at once."""
         key = config.rest_level, config.onset_rule, config.sensor.scan_every
         if key not in self._gates:
             self._gates[key] = self.brief._opened(config, self._turns) or self._opened(config, self._turns)
