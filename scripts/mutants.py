@@ -121,6 +121,15 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
         case ast.AnnAssign(value=value):
             below = [value] if value else []
+        case (
+            ast.For(iter=ast.Call(ast.Name("range"), [size]))
+            | ast.comprehension(iter=ast.Call(ast.Name("range"), [size]))
+        ):
+            yield "off-by-one", size, f"({ast.unparse(size)}) - 1"
+            below[below.index(node.iter)] = size
+        case ast.Call(ast.Name("range"), [size]):  # a signal's shape: a bit less
+            yield "width", size, f"({ast.unparse(size)}) + 1 >> 1"
+            return
         case ast.If(body=body, orelse=orelse) if all(map(_refuses, body)):
             below = orelse
         case ast.If(test=test) | ast.IfExp(test=test):
@@ -175,10 +184,10 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     swapped: list[ast.expr] = []
     match name, args:
         case (
-            ("range" | "signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            ("signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
             [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
         ):
-            yield "off-by-one" if name == "range" else "width", size, f"({show(size)}) - 1"
+            yield "width", size, f"({show(size)}) - 1"
         case "If", [test]:
             yield "condition", test, f"~({show(test)})"
         case (("Mux" | "where"), [test, yes, no]):

@@ -60,9 +60,7 @@ class RegisteredAdder(wiring.Component):
         return m
 
     def _block(self, m: Module) -> None:
-        word = Signal(signed(BLOCK_BITS))
-        addend = Signal(signed(BLOCK_BITS))
-        out = Signal(signed(BLOCK_BITS))
+        word, addend, out = (Signal(signed(BLOCK_BITS)) for _ in range(3))
         m.d.comb += [word.eq(self.word), addend.eq(self.addend), self.total.eq(out)]
         m.submodules.mac = sb_mac16(
             out,

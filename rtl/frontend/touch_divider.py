@@ -91,7 +91,8 @@ class TouchDivider(Block):
         doublings = max(1, config.doublings)
         longest_hop = windows.hop << config.doublings
         blocks = longest_hop // features.activity_block
-        word_bound = max([longest_hop * config.deviation_bound, blocks * config.block_bound][: len(summed)])
+        bounds = longest_hop * config.deviation_bound, blocks * config.block_bound
+        word_bound = max(bound for _, bound in zip(summed, bounds, strict=False))
         bits = signed_bits(windows.store_per_window * word_bound)
         if "integral" in kinds:
             bits = max(bits, config.integral_bits)
