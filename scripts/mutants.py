@@ -105,9 +105,9 @@ class Mutant:
         return " ".join(self.text[first:last].split()), " ".join(now.split())
 
 
-def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fault]:
+def _walk(node: ast.AST, skip: frozenset[str], names: list[str], loop: bool = False) -> Iterator[Fault]:
     """The faults of a node and of everything below it that is not excluded. names: the signals of the
-    function it is in."""
+    function it is in. loop: it is what a loop runs over; another ``range`` is a shape, which loses a bit."""
     below: list[Any] = list(ast.iter_child_nodes(node))
     match node:
         case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
@@ -121,15 +121,10 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
         case ast.AnnAssign(value=value):
             below = [value] if value else []
-        case (
-            ast.For(iter=ast.Call(ast.Name("range"), [size]))
-            | ast.comprehension(iter=ast.Call(ast.Name("range"), [size]))
-        ):
-            yield "off-by-one", size, f"({ast.unparse(size)}) - 1"
-            below[below.index(node.iter)] = size
-        case ast.Call(ast.Name("range"), [size]):  # a signal's shape: a bit less
-            yield "width", size, f"({ast.unparse(size)}) + 1 >> 1"
-            return
+        case ast.Call(ast.Name("range"), [size]):
+            kind, less = ("off-by-one", "- 1") if loop else ("width", "+ 1 >> 1")
+            yield kind, size, f"({ast.unparse(size)}) {less}"
+            below = [size] * loop
         case ast.If(body=body, orelse=orelse) if all(map(_refuses, body)):
             below = orelse
         case ast.If(test=test) | ast.IfExp(test=test):
@@ -144,7 +139,7 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
         case _:
             yield from _value_faults(node)
     for part in below:
-        yield from _walk(part, skip, names)
+        yield from _walk(part, skip, names, part is getattr(node, "iter", None))
 
 
 def _value_faults(node: Any) -> Iterator[Fault]:

@@ -220,7 +220,8 @@ class FeatureExpander(Block):
             # ~|a| = ~a, or a - 1 where it is negative
             complement["activity"] = Mux(compares, Mux(negative, amount, ~amount) - negative, -1)
         if "integral" in kinds:
-            biased = Signal(config.integral_bits, reset_less=True)
+            most = config.integral_bound + (1 << config.features.integral_knee)
+            biased = Signal(range(most + 1), reset_less=True)
             below = Signal()
             with m.If(step & (slot == 1)):
                 m.d.sync += [

@@ -60,7 +60,8 @@ class RegisteredAdder(wiring.Component):
         return m
 
     def _block(self, m: Module) -> None:
-        word, addend, out = (Signal(signed(BLOCK_BITS)) for _ in range(3))
+        word = Signal(signed(BLOCK_BITS))
+        addend, out = Signal.like(word), Signal.like(word)
         m.d.comb += [word.eq(self.word), addend.eq(self.addend), self.total.eq(out)]
         m.submodules.mac = sb_mac16(
             out,

@@ -320,7 +320,7 @@ class TouchDivider(Block):
     def _companded(self, m: Module, complement: Value) -> Value:
         """The complement of a companded sum, whose complement is ``complement``."""
         config, features = self.spec, self.spec.features
-        biased = Signal(config.integral_bits)
+        biased = Signal(range(config.integral_bound + (1 << features.integral_knee) + 1))
         size = Signal(config.beat_bits - 1)
         m.d.comb += biased.eq(biased_magnitude(complement, features.integral_knee))
         logarithm(m, size, biased, features.integral_knee, features.integral_frac)

@@ -42,7 +42,7 @@ def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.nda
 
 @examples(16, 400)
 @given(
-    taxels=st.sampled_from([1, 2, 3, 5]),
+    taxels=st.sampled_from([1, 2, 3]),
     hop=st.integers(1, 3),
     steps=st.integers(1, 4),
     store=st.sampled_from([2, 3]),
@@ -63,10 +63,12 @@ def test_any_touches(taxels, hop, steps, store, kinds, knee, stalls, seed):
     rng, bound = np.random.default_rng(seed), config.deviation_bound
     given_beats, expected = [], []
     for frames in (*rng.integers(1, config.last_frame, 2), rng.integers(1, hop + 1), config.last_frame):
-        deviations = rng.choice([-bound, bound, 0, 3], (frames, taxels))
+        deviations = rng.choice(
+            [-bound, bound, 0, 3][: 1 if frames == config.last_frame else 4], (frames, taxels)
+        )
         loud = rng.random(frames) < rng.choice([0.0, 0.3])
         given_beats += frame_beats(config, deviations, loud)
         expected += window_beats(config, deviations, loud)
-    out, taken = play(TouchDivider(config), given_beats, stalls=stalls, seed=seed, quiet=500)
+    out, cycles = play(TouchDivider(config), given_beats, stalls=stalls, seed=seed, quiet=500)
     assert values(out) == expected
-    assert any(stalls) or taxels < 3 or taken[2] == taken[0] + 2, "a beat a cycle"
+    assert stalls[0] or taxels < 3 or cycles[2] == cycles[0] + 2, "a beat a cycle"
