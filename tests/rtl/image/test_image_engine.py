@@ -109,7 +109,9 @@ def test_corners(name):
 
 
 def test_logits_beyond_their_format_are_saturated():
+    """Sums up to the ends of the accumulator."""
     case = make_case(5, 5, ["dense 12"], lanes=4, logit_shift=0)
+    case.arrays["b_0"][4:] = [-1 << 23, (1 << 23) - 1] * 4
     assert {LOGIT.min_code, LOGIT.max_code} <= set(case.expected(case.image(0))[1])
     run(case, "plain")
 
