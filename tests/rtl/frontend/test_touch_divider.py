@@ -42,10 +42,10 @@ def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.nda
 
 @examples(16, 400)
 @given(
-    taxels=st.sampled_from([1, 2, 3]),
+    taxels=st.integers(1, 3),
     hop=st.integers(1, 3),
     steps=st.integers(1, 4),
-    store=st.sampled_from([2, 3]),
+    store=st.integers(2, 3),
     kinds=st.sampled_from([("mean",), ("mean", "highest", "lowest"), ("mean", "integral"), ("lowest",)]),
     knee=st.sampled_from([0, 8]),
     stalls=st.sampled_from([(0.0, 0.0), *SIDES]),
