@@ -105,9 +105,9 @@ class Mutant:
         return " ".join(self.text[first:last].split()), " ".join(now.split())
 
 
-def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fault]:
+def _walk(node: ast.AST, skip: frozenset[str], names: list[str], loop: bool = False) -> Iterator[Fault]:
     """The faults of a node and of everything below it that is not excluded. names: the signals of the
-    function it is in."""
+    function it is in. loop: it is what a loop runs over; another ``range`` is a shape, which loses a bit."""
     below: list[Any] = list(ast.iter_child_nodes(node))
     match node:
         case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
@@ -121,6 +121,10 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
         case ast.AnnAssign(value=value):
             below = [value] if value else []
+        case ast.Call(ast.Name("range"), [size]):
+            kind, less = ("off-by-one", "- 1") if loop else ("width", "+ 1 >> 1")
+            yield kind, size, f"({ast.unparse(size)}) {less}"
+            below = [size] * loop
         case ast.If(body=body, orelse=orelse) if all(map(_refuses, body)):
             below = orelse
         case ast.If(test=test) | ast.IfExp(test=test):
@@ -135,7 +139,7 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
         case _:
             yield from _value_faults(node)
     for part in below:
-        yield from _walk(part, skip, names)
+        yield from _walk(part, skip, names, part is getattr(node, "iter", None))
 
 
 def _value_faults(node: Any) -> Iterator[Fault]:
@@ -175,10 +179,10 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     swapped: list[ast.expr] = []
     match name, args:
         case (
-            ("range" | "signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            ("signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
             [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
         ):
-            yield "off-by-one" if name == "range" else "width", size, f"({show(size)}) - 1"
+            yield "width", size, f"({show(size)}) - 1"
         case "If", [test]:
             yield "condition", test, f"~({show(test)})"
         case (("Mux" | "where"), [test, yes, no]):

@@ -554,7 +554,7 @@ class AcceleratorConfig:
     @cached_property
     def input_constants(self) -> tuple[int, ...]:
         """Index of each input's normaliser constants in ``constants``."""
-        return tuple(range(self.inputs)) if self.features.feature_scale == "taxel" else self.input_kinds
+        return tuple(index % self.constants for index in range(self.inputs))
 
     @cached_property
     def input_mask(self) -> tuple[bool, ...]:

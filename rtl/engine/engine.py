@@ -175,9 +175,7 @@ class Engine(wiring.Component):
         # T holds complements: values that are mostly subtracted need no inverters then. Its last word stands for 0.
         not_t: Value = Const(-1)
         if plan.program.t_regions:
-            values = memory(
-                "t_memory", signed(config.formats.state_format.width), layout.t_depth, [-1] * layout.t_depth
-            )
+            values = memory("t_memory", signed(config.formats.state_format.width), layout.t_depth)
             not_t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends

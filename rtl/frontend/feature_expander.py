@@ -7,7 +7,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream
 from amaranth.lib.memory import Memory
 
-from eskin.golden.core import EXTREMES, SUMMED, AcceleratorConfig, signed_bits
+from eskin.golden.core import EXTREMES, AcceleratorConfig, signed_bits
 from eskin.rtl.common import (
     NO_COLLISION,
     Block,
@@ -158,7 +158,7 @@ class FeatureExpander(Block):
                     next_state["change"] = deviation - old
                 compares = ~lone
         falls_back = config.windows.window_mode == "free" and not config.opens_at_once
-        if falls_back and not set(kinds) <= set(SUMMED):
+        if falls_back:
             hop_first = Signal(init=1)
             falls = Signal(init=1)
             with m.If(frame_taken):
@@ -220,7 +220,8 @@ class FeatureExpander(Block):
             # ~|a| = ~a, or a - 1 where it is negative
             complement["activity"] = Mux(compares, Mux(negative, amount, ~amount) - negative, -1)
         if "integral" in kinds:
-            biased = Signal(config.integral_bits, reset_less=True)
+            most = config.integral_bound + (1 << config.features.integral_knee)
+            biased = Signal(range(most + 1), reset_less=True)
             below = Signal()
             with m.If(step & (slot == 1)):
                 m.d.sync += [

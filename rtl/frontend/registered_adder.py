@@ -61,8 +61,7 @@ class RegisteredAdder(wiring.Component):
 
     def _block(self, m: Module) -> None:
         word = Signal(signed(BLOCK_BITS))
-        addend = Signal(signed(BLOCK_BITS))
-        out = Signal(signed(BLOCK_BITS))
+        addend, out = Signal.like(word), Signal.like(word)
         m.d.comb += [word.eq(self.word), addend.eq(self.addend), self.total.eq(out)]
         m.submodules.mac = sb_mac16(
             out,

@@ -91,7 +91,8 @@ class TouchDivider(Block):
         doublings = max(1, config.doublings)
         longest_hop = windows.hop << config.doublings
         blocks = longest_hop // features.activity_block
-        word_bound = max([longest_hop * config.deviation_bound, blocks * config.block_bound][: len(summed)])
+        bounds = longest_hop * config.deviation_bound, blocks * config.block_bound
+        word_bound = max(bound for _, bound in zip(summed, bounds, strict=False))
         bits = signed_bits(windows.store_per_window * word_bound)
         if "integral" in kinds:
             bits = max(bits, config.integral_bits)
@@ -319,7 +320,7 @@ class TouchDivider(Block):
     def _companded(self, m: Module, complement: Value) -> Value:
         """The complement of a companded sum, whose complement is ``complement``."""
         config, features = self.spec, self.spec.features
-        biased = Signal(config.integral_bits)
+        biased = Signal(range(config.integral_bound + (1 << features.integral_knee) + 1))
         size = Signal(config.beat_bits - 1)
         m.d.comb += biased.eq(biased_magnitude(complement, features.integral_knee))
         logarithm(m, size, biased, features.integral_knee, features.integral_frac)

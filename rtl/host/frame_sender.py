@@ -39,8 +39,7 @@ class FrameSender(Block):
         m, taxels, beat = Module(), self.spec.sensor.taxels, self.frame.payload
         m.submodules.memory = memory = Memory(shape=16, depth=taxels, init=[])
         write, read = memory.write_port(), memory.read_port()
-        count = Signal(16)
-        number = Signal(16)
+        count, number = Signal.like(self.o.p.word), Signal.like(self.o.p.word)
         keeping = self.keeping = Signal()
         # words that are in the memory, or, while one is offered, those that were taken
         place = self.place = Signal(range(taxels + 1))

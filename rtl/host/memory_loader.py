@@ -56,9 +56,9 @@ class MemoryLoader(Block):
         m.d.sync += address.eq(address + self.load.enable)
         with m.If(self.chosen):
             m.d.sync += address.eq(0)
+            mask = 1 << 6 | (1 << lane_bits) - 1
             for number, line in lines.items():
-                lane, special = number & (1 << lane_bits) - 1, number >> 6
-                m.d.sync += select[line].eq((self.data[:lane_bits] == lane) & (self.data[6] == special))
+                m.d.sync += select[line].eq(self.data & mask == number & mask)
         if self.spec.readout_rule.taught:
             with m.If(self.onward):
                 m.d.sync += address.eq(address + 1)

@@ -63,6 +63,7 @@ class PacketTransmitter(wiring.Component):
         # Place: 15 opening flag, 0 to 4 body (0 and 1 a word of a frame), 5 and 6 check sequence, 7 closing flag.
         byte = Signal(4, init=15)
         bit = Signal(4)
+        data_bit = bit[:3]
         is_flag = byte[:3].all()
         in_check = byte[2] & (byte[0] ^ byte[1])
         answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
@@ -82,7 +83,7 @@ class PacketTransmitter(wiring.Component):
             sends |= is_frame
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
-        m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
+        m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(data_bit, 1)))
         # The check sequence leaves its register bit by bit, so that its lower byte is always the byte to send
         # next.
         special = ~is_flag & Mux(in_check, is_special(~fcs[:8]), is_special(body))
@@ -104,9 +105,9 @@ class PacketTransmitter(wiring.Component):
         with m.If(self.decision.ready & self.decision.valid):
             m.d.sync += decisions.eq(decisions + 1)
         value = Mux(
-            is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT))
+            is_flag, Const(FLAG, 8).bit_select(data_bit, 1), raw ^ (escaped & (data_bit == FLIPPED_BIT))
         )
-        value = Mux(escape, Const(ESCAPE, 8).bit_select(bit[:3], 1), value)
+        value = Mux(escape, Const(ESCAPE, 8).bit_select(data_bit, 1), value)
         with m.FSM():
             with m.State("IDLE"):
                 m.d.sync += [

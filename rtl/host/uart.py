@@ -32,9 +32,8 @@ def uart_divisor(clock_hz: float, baud: float) -> int:
             f"use at most {clock_hz / DIVISOR_MIN:g}"
         )
     if abs(clock_hz / divisor / baud - 1) > RATE_ERROR_MAX:
-        slower = -int(-clock_hz // baud)
         raise InputError(
-            f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; use {clock_hz / slower:g}"
+            f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; use {-clock_hz / (-clock_hz // baud):g}"
         )
     return divisor
 

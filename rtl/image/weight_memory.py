@@ -67,13 +67,9 @@ class WeightMemory(Block):
                 data=self.load_word,
             )
             halves.append(memory.word)
-        dense = Cat(*halves)
-        was_dense = Signal()
-        m.d.sync += was_dense.eq(self.dense)
-        if part:
-            chosen = Signal(part)
-            m.d.sync += chosen.eq(self.address)
-            dense = dense.word_select(chosen, plan.dense_lanes * plan.weight_bits)
+        was_dense, chosen = Signal(), Signal(part)
+        m.d.sync += [was_dense.eq(self.dense), chosen.eq(self.address)]
         count = plan.dense_lanes * plan.weight_bits
-        m.d.comb += self.weights.as_value().eq(Cat(Mux(was_dense, dense[:count], conv[:count]), conv[count:]))
+        dense = Cat(*halves).word_select(chosen, count)
+        m.d.comb += self.weights.as_value().eq(Cat(Mux(was_dense, dense, conv[:count]), conv[count:]))
         return m

@@ -12,8 +12,6 @@ from eskin.rtl.interface.stimulator_frames import SETTINGS, settings_layout
 from eskin.rtl.interface.touch_position import position_layout
 from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers
 
-COUNT_BITS = 16
-
 
 class InterfaceRegisters(Block):
     """Between the host and the accelerator's bus: takes the accesses to `InterfaceRegister`, hands on all
@@ -76,7 +74,7 @@ class InterfaceRegisters(Block):
         readable: dict[InterfaceRegister, Value] = {}
         if number_of.POSITION in registers:
             last = Signal(position_layout)
-            count = Signal(COUNT_BITS)
+            count = Signal.like(r_data)
             with m.If(self.position.valid):
                 m.d.sync += [last.eq(self.position.payload), count.eq(count + 1)]
             with m.If(arm):

@@ -81,11 +81,10 @@ class MatrixConverter(Block):
         )
         with m.If(master.start & master.idle):
             m.d.sync += converting.eq(1)
-        with m.Elif(master.idle):  # only after an upset: the transfer that is waited for is not there
+        with m.Elif(taken | master.idle):  # idle: only after an upset, with no transfer to wait for
             m.d.sync += converting.eq(0)
         with m.If(cell_over):
             m.d.sync += [
-                converting.eq(0),
                 cell.eq(cell + 1),
                 settle.eq(plan.settle),
                 wrong.eq(wrong_now),
@@ -99,7 +98,7 @@ class MatrixConverter(Block):
                 m.d.sync += dozing.eq(1) if sleeps else self.busy.eq(0)
         if sleeps:
             with m.Elif(taken):
-                m.d.sync += [converting.eq(0), waking.eq(0)]
+                m.d.sync += waking.eq(0)
                 with m.If(dozing):
                     m.d.sync += [self.busy.eq(0), pins.off.eq(1)]
             with m.If(self.start & ~self.busy):

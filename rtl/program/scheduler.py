@@ -227,7 +227,6 @@ class Scheduler:
         self.pending: list[tuple[ElementOp, int]] = []  # element-wise operations that wait, with their index
         self.second_term: tuple[ElementOp, int] | None = None  # its second product has to follow its first
         self.element_free = 0  # first slot in which an element-wise operation may be issued
-        self.last_write = 0
         # (region, index) of the state that this step writes -> slot from which it can be read
         self.new_state: dict[tuple[str, int], int] = {}
         # slots in which the table is used; its result is written in the next
@@ -268,9 +267,10 @@ class Scheduler:
                 for index in range(self.config.network.hidden):
                     self.ready["B" if block.dest == "sigmoid" else "T", block.region, index] = self.NEVER
         end = self._place(len(self.products))
-        # The step ends when its last logit is out and the chain holds what the next one begins with.
+        # The step ends when its last logit is out, all that it writes can be read and the chain holds what the
+        # next one begins with.
         last_slot, last_rows = self.last_capture
-        end = max(end, last_slot + self.timing.chain + last_rows)
+        end = max(end, last_slot + self.timing.chain + last_rows, *self.ready.values())
         if len(self.groups) in self.late:
             self._swap_late(len(self.groups))
             end = max(end, self.last_swap + 1)
@@ -323,7 +323,7 @@ class Scheduler:
         """Place the products up to that number, and all operations that wait. Gives the slot after the phase."""
         for cycle in range(self.start, self.start + self.LONGEST):
             if self.position == products and not self.pending and not self.second_term:
-                return max(cycle, self.element_free, self.last_write)
+                return cycle
             element = self._next_element(cycle)
             if element:
                 self._issue_element(cycle, *element)
@@ -379,12 +379,11 @@ class Scheduler:
         if term < last_term:
             self.second_term = (op, index)
             return
-        self.last_write = cycle + self.timing.element_to_state
         if op.state:
-            self.ready["S", op.state, index] = self.new_state[op.state, index] = self.last_write
+            stored = cycle + self.timing.element_to_state
+            self.ready["S", op.state, index] = self.new_state[op.state, index] = stored
         if op.activated:
-            self.last_write = cycle + self.timing.element_to_activated
-            self.ready["T", op.activated, index] = self.last_write
+            self.ready["T", op.activated, index] = cycle + self.timing.element_to_activated
 
     # ------------------------------------------------------------------ rows on the lanes
     @property

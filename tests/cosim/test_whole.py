@@ -36,6 +36,7 @@ DESIGNS = {
         "steps": 5,
         "store_per_window": 2,
         "feature_scale": "taxel",
+        "fault_frames": 4,
     },
     # its companded value is wider than any sum that is stored
     "an integral of few codes": {

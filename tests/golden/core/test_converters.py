@@ -43,9 +43,9 @@ REFUSED = [
         None,
     ),
     (
-        with_converter("ddc232", sample_rate_hz=7000.0),
+        with_converter("ddc232", sample_rate_hz=7000.0, taxels=32),
         "integrates for 166.5 us at least: give at most 6006",
-        None,
+        1000.0,
     ),
     (
         BIG | dict(sample_rate_hz=300.0),

@@ -51,7 +51,7 @@ FREE = CASES["one block"].replace(
             {"feature_kinds": FEATURE_KINDS, "taxels": 103, "clock_hz": 50e6},
             "feature_kinds: 5 kinds of 103 taxels make 515 inputs, above the limit of 512",
         ),
-        ({"feature_shift": (99,)}, "feature_shift: must lie in -10..15"),
+        ({"feature_shift": (99,), "sample_bits": 16, "checksum": True}, "feature_shift: must lie in -9..22"),
         ({"feature_kinds": FEATURE_KINDS, "clock_hz": 15e3}, "3 taxels with 5 kinds .* at least 30000"),
     ],
 )

@@ -2,6 +2,8 @@
 
 import random
 
+from amaranth.hdl import signed
+
 from eskin.rtl.engine.lanes import PlainLane, lane_signature
 from tests.support.stream_bench import put, simulate, unpack
 from tests.support.table import each_row
@@ -28,7 +30,7 @@ def test_a_sum_is_its_loads_and_products(with_operands, accumulates):
                 before = a * b * valid, valid, load
             await ctx.tick()
             seen.append(ctx.get(dut.acc))
-            expected.append(unpack(dut.acc.shape(), total))
+            expected.append(unpack(signed(widths[2]), total))
 
     simulate(dut, play)
     assert seen == expected

@@ -42,10 +42,10 @@ def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.nda
 
 @examples(16, 400)
 @given(
-    taxels=st.sampled_from([1, 2, 4, 5]),
+    taxels=st.integers(1, 3),
     hop=st.integers(1, 3),
     steps=st.integers(1, 4),
-    store=st.sampled_from([2, 3]),
+    store=st.integers(2, 3),
     kinds=st.sampled_from([("mean",), ("mean", "highest", "lowest"), ("mean", "integral"), ("lowest",)]),
     knee=st.sampled_from([0, 8]),
     stalls=st.sampled_from([(0.0, 0.0), *SIDES]),
@@ -63,9 +63,12 @@ def test_any_touches(taxels, hop, steps, store, kinds, knee, stalls, seed):
     rng, bound = np.random.default_rng(seed), config.deviation_bound
     given_beats, expected = [], []
     for frames in (*rng.integers(1, config.last_frame, 2), rng.integers(1, hop + 1), config.last_frame):
-        deviations = rng.choice([-bound, bound, 0, 3], (frames, taxels))
+        deviations = rng.choice(
+            [-bound, bound, 0, 3][: 1 if frames == config.last_frame else 4], (frames, taxels)
+        )
         loud = rng.random(frames) < rng.choice([0.0, 0.3])
         given_beats += frame_beats(config, deviations, loud)
         expected += window_beats(config, deviations, loud)
-    out, _ = play(TouchDivider(config), given_beats, stalls=stalls, seed=seed, quiet=500)
+    out, cycles = play(TouchDivider(config), given_beats, stalls=stalls, seed=seed, quiet=500)
     assert values(out) == expected
+    assert stalls[0] or taxels < 3 or cycles[2] == cycles[0] + 2, "a beat a cycle"

@@ -70,6 +70,7 @@ def test_loading_and_a_refused_write(checksum):
 
     async def body(ctx, dut, write, read):
         load, line = dut.load, {select: 1 << line for select, line in load_lines(dut._config).items()}
+        assert ctx.get(load.select) == line[0]
         await write(Register.MEMORY_SELECT, Memory.MEANS)
         for address in range(2):
             assert (ctx.get(load.select), ctx.get(load.address)) == (line[Memory.MEANS], address)
