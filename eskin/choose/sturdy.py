@@ -178,7 +178,10 @@ class Hardening:
     def _masks(self, config: AcceleratorConfig, frames: int) -> bool:
         """A detector with this block and MARGIN masks taxels of the recordings, or there is no such detector."""
         strict = valid(config, fault_frames=frames, fault_activity=MARGIN * frames // STILL)
-        return strict is None or bool(find_touches(strict, self.stress.everything, steps=0).flagged.any())
+        if strict is None:
+            return True
+        flagged = find_touches(strict, self.stress.everything, steps=0).flagged
+        return flagged is None or bool(flagged.any())
 
     def spread(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with each of SPREAD windows of its hop or shorter, which nearly all touches complete: with its
