@@ -201,11 +201,12 @@ class ScoredCandidate:
 
     @property
     def beyond(self) -> int:
-        """Number of modes beyond their bounds by more than one of the disturbed recordings: one is chance."""
+        """Number of modes beyond their bounds by more than half of a disturbed recording: few recordings have few
+        possible figures, and a bound lies between two."""
         if self.stressed is None:
             return 0
-        chance = 1 / max(int((~np.isnan(self.stressed)).sum()), 1)
-        return sum(beyond(row) > chance + 1e-9 for row in self.figures.modes)
+        half = 0.5 / max(int((~np.isnan(self.stressed)).sum()), 1)
+        return sum(beyond(row) > half + 1e-9 for row in self.figures.modes)
 
     @property
     def worst(self) -> WorstMode | None:

@@ -401,7 +401,10 @@ def candidate_row(one: ScoredCandidate, split: Split, chosen: bool, prices: Cost
     """A row of ``candidates`` in training.json. split: its cross-validation."""
     config, front_end = one.config, front_end_of(one.candidate.front_end)
     assert one.decisions is not None
-    integer = one.decisions.fitted[0][1].integer.config
+    faults = {name: config.value(name) for name in ("fault_frames", "fault_activity")}
+    integer = one.decisions.fitted[0][1].integer.config.replace(
+        **faults
+    )  # networks stay with a fault detector
     return CandidateRow(
         **one.candidate.network.plain(),
         **prices.cost_of(integer).plain(),

@@ -163,12 +163,10 @@ def test_average_powers_within_a_hundredth_are_equal_and_then_energy_decides():
 
 def test_a_tie_goes_to_a_candidate_that_is_beyond_in_hardly_more_modes(monkeypatch):
     first, second = judged(4, 1000, 900), judged(8, 1000, 900)
-    assert [judged(4, 1000, right).beyond for right in (900, 946, 948, 950)] == [
-        1,
-        1,
-        0,
-        0,
-    ]  # 2 of 1000 are one of 500
+    counts = [judged(4, 1000, right).beyond for right in (900, 946, 948, 950)]
+    assert (
+        counts == [1, 1, 1, 0] and judged(4, 2, 900, 2).beyond == 0
+    )  # of one disturbed recording a half is wrong
     for of_first, of_second, taken in ((1, 1, first), (2, 1, first), (3, 1, second), (0, 3, first)):
         beyond = {4: of_first, 8: of_second}
         count = lambda scored, beyond=beyond: beyond[scored.config.network.hidden]
@@ -180,7 +178,8 @@ def test_a_tie_goes_to_a_candidate_that_is_beyond_in_hardly_more_modes(monkeypat
 def gate_costs(config: AcceleratorConfig) -> Cost:
     """A clip costs something here, and a gate that is always open or a recurrent cell too much."""
     dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 4 * (config.opens_at_once or config.recurrent))
-    return but(cost_by_size(config), energy_touch_j=dear, average_w=1e-4)
+    cells = 30 + (config.faults.fault_frames > 0)
+    return but(cost_by_size(config), energy_touch_j=dear, average_w=1e-4, cells=cells)
 
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
@@ -199,6 +198,8 @@ def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tm
     refused = min((row for row in heeded.candidates if row.stress), key=lambda row: row.energy_touch_j)
     assert refused.energy_touch_j == 1e-6 and refused.worst.mode.startswith("one-sample glitch")
     assert refused.accuracy > 0.95 and refused.score < taken.score - 0.05
+    masking = [row for row in heeded.candidates if row.front_end.fault_frames]
+    assert masking and min(row.cells for row in masking) > max(row.cells for row in calm.candidates)
     unseen, without = (rec.cross_validation[0].nested.disturbed for rec in (heeded, calm))
     fails = where_it_fails(heeded.candidates, unseen)
     assert {row.mode for row in fails.rows} == set(panel.weights)
