@@ -101,11 +101,6 @@ class Trace(Decisions):
             np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable"
         )
 
-    @property
-    def confident(self) -> np.ndarray:
-        """(R), bool: the recording has a decision that is not unsure."""
-        return (self.decision >= 0) & (by_recording(self.unsure, self.first, 1) == 0)
-
     def first_local(self) -> np.ndarray:
         """(R, K) local decisions of each recording's first touch, -1 where there is none."""
         return by_recording(self.local, self.first)

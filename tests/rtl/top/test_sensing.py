@@ -3,7 +3,8 @@ and no frame is handed on."""
 
 import random
 
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, ConverterFault
+from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.top import sensing
 from tests.support.silent import Silent
@@ -49,3 +50,19 @@ def test_the_arm_after_a_broken_frame_waits_for_bus_and_frame(monkeypatch):
         (True, False, False, False),
     }
     assert single <= set(seen)
+
+
+def test_a_converter_s_faults_are_known_when_its_scan_ends():
+    dut = Acquisition(PRESETS["thesis"].replace(converter="ads7953"))
+    dut.converter = converter = Silent(dut.converter)
+    rng, late = random.Random(2), int(ConverterFault.LATE)
+
+    async def play(ctx):
+        for _ in range(100):
+            finished, faults = rng.random() < 0.5, rng.randrange(1 << len(dut.fault)) & ~late
+            ctx.set(converter.finished, finished)
+            ctx.set(converter.fault, faults)
+            assert ctx.get(dut.fault) & ~late == finished * faults
+            await ctx.tick()
+
+    simulate(dut, play)
