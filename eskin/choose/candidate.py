@@ -110,8 +110,7 @@ class ScoredCandidate:
         """The same networks on ``front_end``, which is theirs with a fault detector. It raises no flag on recordings
         without a disturbance, so that decisions on these stay."""
         assert self.decisions is not None
-        faults = {name: front_end.value(name) for name in ("fault_frames", "fault_activity")}
-        config = self.candidate.config.replace(**faults)
+        config = self.candidate.config.replace(**dataclasses.asdict(front_end.faults))
         candidate = dataclasses.replace(self.candidate, front_end=front_end, config=config)
         return ScoredCandidate.of(candidate, self.decisions, rows, self.stress)
 

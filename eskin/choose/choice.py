@@ -401,10 +401,8 @@ def candidate_row(one: ScoredCandidate, split: Split, chosen: bool, prices: Cost
     """A row of ``candidates`` in training.json. split: its cross-validation."""
     config, front_end = one.config, front_end_of(one.candidate.front_end)
     assert one.decisions is not None
-    faults = {name: config.value(name) for name in ("fault_frames", "fault_activity")}
-    integer = one.decisions.fitted[0][1].integer.config.replace(
-        **faults
-    )  # networks stay with a fault detector
+    faults = dataclasses.asdict(config.faults)  # networks were fitted without a detector
+    integer = one.decisions.fitted[0][1].integer.config.replace(**faults)
     return CandidateRow(
         **one.candidate.network.plain(),
         **prices.cost_of(integer).plain(),

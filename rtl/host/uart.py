@@ -1,5 +1,7 @@
 """Asynchronous serial bytes: 1 start bit, 8 data bits (lowest first), 1 stop bit, no parity."""
 
+import math
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream
 from amaranth.lib.cdc import FFSynchronizer
@@ -33,7 +35,8 @@ def uart_divisor(clock_hz: float, baud: float) -> int:
         )
     if abs(clock_hz / divisor / baud - 1) > RATE_ERROR_MAX:
         raise InputError(
-            f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; use {-clock_hz / (-clock_hz // baud):g}"
+            f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; "
+            f"use {clock_hz / math.ceil(clock_hz / baud):g}"
         )
     return divisor
 

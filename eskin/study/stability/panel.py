@@ -192,7 +192,10 @@ class Panel:
         shut on the recordings of ``brief``. The windows hardly matter, so gates are looked at once."""
         key = config.rest_level, config.onset_rule, config.sensor.scan_every
         if key not in self._gates:
-            self._gates[key] = self.brief._opened(config, self._turns) or self._opened(config, self._turns)
+            opened = self.brief._opened(config, self._turns)
+            if not opened and len(self.rows) > len(self.brief.rows):
+                opened = self._opened(config, self._turns)
+            self._gates[key] = opened
         return self._gates[key]
 
     def _opened(self, config: AcceleratorConfig, turns: int) -> float:
