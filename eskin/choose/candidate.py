@@ -114,6 +114,11 @@ class ScoredCandidate:
         candidate = dataclasses.replace(self.candidate, front_end=front_end, config=config)
         return ScoredCandidate.of(candidate, self.decisions, rows, self.stress)
 
+    def under(self, stress: Panel, rows: np.ndarray) -> ScoredCandidate:
+        """The same networks under another panel."""
+        assert self.decisions is not None
+        return ScoredCandidate.of(self.candidate, self.decisions, rows, stress)
+
     @property
     def seeds(self) -> list[int]:
         """Seeds of its networks."""

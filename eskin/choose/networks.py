@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -87,12 +87,16 @@ STURDY: dict[str, Record] = {
 """Fits of a linear cell that are tried if it is judged under disturbance."""
 ROBUST, ROBUST_UPDATES = "robust", 800
 """Recipe of recurrent cells that are judged under disturbance, and its updates."""
-GATES_AHEAD, RECURRENT = 2, 4
+GATES_AHEAD, RECURRENT = 2, 6
 """Numbers of front ends that recurrent cells are tried on under disturbance, and of these cells."""
+RESCANNED = 3
+"""Number of front ends on which more scans are tried under disturbance."""
 DIVIDED = 4
 """Number of gates on which windows that divide the touch are tried under disturbance."""
 GUARDED = 3
 """Number of candidates that are tried with a fault detector."""
+FINALISTS = 3
+"""Number of candidates with the best scores, and of those beyond the fewest bounds, that are disturbed on all recordings."""
 AGAIN = 2
 """Maximum number of candidates under disturbance that are scored with other seeds."""
 
@@ -248,7 +252,7 @@ class NetworkSearch(Search):
 
     rows, tests: recordings of the choice, and those that are left out in turn. hardening: networks are judged under
     disturbance, too. calm: the choice by undisturbed recordings; None: not made yet. dearest: the candidate that
-    shows what a higher cost would gain.
+    shows what a higher cost would gain. finalists: the candidates that were disturbed on all recordings; empty: none yet.
     """
 
     front_ends: Listed
@@ -259,6 +263,7 @@ class NetworkSearch(Search):
     hardening: Hardening | None = None
     calm: ScoredCandidate | None = None
     dearest: Candidate | None = None
+    finalists: list[ScoredCandidate] = field(default_factory=list)
 
     @property
     def taken(self) -> Candidate:
@@ -278,7 +283,7 @@ class NetworkSearch(Search):
     def stablest(self) -> ScoredCandidate:
         """The choice under disturbance."""
         assert self.calm is not None
-        return choose_stable(self.comparable, self.calm, self.prices)
+        return choose_stable(self.finalists or self.comparable, self.calm, self.prices)
 
     @property
     def comparable(self) -> list[ScoredCandidate]:
@@ -484,6 +489,21 @@ def more_windows(search: NetworkSearch) -> Request:
     )
 
 
+def more_scans(search: NetworkSearch) -> Request:
+    """The best linear cells so far with up to four times the scans: means of more frames have less noise."""
+    calm, hardening = search.calm, search.hardening
+    if calm is None or hardening is None or not calm.is_linear:
+        return Request()
+    ahead = [*dict.fromkeys(scored.candidate.front_end for scored in ahead_of(search))]
+    denser = list[AcceleratorConfig]()
+    for on in ahead[: 1 if search.effort.brief else RESCANNED]:
+        twice = hardening.denser(on)
+        denser += [four_times for config in twice for four_times in hardening.denser(config)] or twice
+    return search.request(
+        search.in_price(search.like_calm(on, fit) for on in denser for fit in search.effort.sturdy)
+    )
+
+
 def windows_of_the_touch(search: NetworkSearch) -> Request:
     """Sturdy linear cells on windows that divide the touch, on the best gates so far and on the choice's own."""
     calm, hardening = search.calm, search.hardening
@@ -531,7 +551,8 @@ def robust_recurrent(search: NetworkSearch) -> Request:
         on = scored.candidate.front_end
         if not on.opens_at_once:
             gates.setdefault((on.rest_level, on.onset_rule), on)
-    sturdiest = sorted(gates.values(), key=hardening.stress.false_onsets)[:GATES_AHEAD]
+    threshold = calm.candidate.front_end.onset_rule.onset_threshold
+    sturdiest = sorted(gates.values(), key=lambda gate: hardening.false_onsets(gate, threshold))[:GATES_AHEAD]
     ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]
     few = [on for gate in ons for on in hardening.spread(gate) if on.windows.steps == SPREAD[0]]
     units = search.effort.units[-2:]
@@ -576,6 +597,21 @@ def seeds_under_stress(search: NetworkSearch) -> Request:
     return Request(level[:AGAIN], search.effort.share, other_seeds=True)
 
 
+def all_recordings(search: NetworkSearch) -> Request:
+    """The candidates that tie for the best, disturbed on all recordings: with few of them a bound is held or not by chance."""
+    calm, hardening = search.calm, search.hardening
+    if calm is None or hardening is None or search.effort.brief:
+        return Request()
+    ranked = sorted(in_reach(search.comparable, calm, search.prices), key=lambda scored: -scored.score)
+    level = [scored for scored in ranked if is_level(ranked[0].scores, scored.scores)]
+    fewest = sorted(level, key=lambda scored: scored.beyond)
+    for scored in {id(scored): scored for scored in [*level[:FINALISTS], *fewest[:FINALISTS]]}.values():
+        finalist = scored.under(hardening.stress.whole, search.rows)
+        search.tried[search.tried.index(scored)] = finalist
+        search.finalists.append(finalist)
+    return Request()
+
+
 def robust_dearer(search: NetworkSearch) -> Request:
     """Of the networks out of reach the most accurate, fitted to disturbance if it is recurrent: it shows what a
     higher cost would gain."""
@@ -605,11 +641,13 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("further seeds", other_seeds),
     Move("sturdier designs", sturdier_networks),
     Move("more windows", more_windows),
+    Move("more scans", more_scans),
     Move("windows that divide the touch", windows_of_the_touch),
     Move("trees fitted to disturbances", robust_trees),
     Move("recurrent cells trained under disturbance", robust_recurrent),
     Move("fault detectors", fault_detectors),
     Move("further seeds under disturbance", seeds_under_stress),
+    Move("disturbances of all recordings", all_recordings),
     Move("what a higher cost gains", robust_dearer),
 )
 """Moves of the search of a network."""

@@ -41,8 +41,9 @@ stays in the rule's mean for four judged frames."""
 SELDOM = 0.1
 """Disturbances open a gate seldom if the shares of recordings, one per disturbance, sum to at most this."""
 
-CLIPPED, CLIPS = 0.01, (1.5, 0.75)
-"""A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
+CLIPPED, CLIPS, TIGHT = 0.01, (1.5, 0.75), (0.75, 0.5, 0.25)
+"""A tighter clip is a factor times the level that this share of a touch's samples exceeds: with the level of several
+frames, and of one."""
 
 STEADY, _ = WHOLE[0]
 """Number of windows that divide the touch: a few windows depend too much on each taxel."""
@@ -73,11 +74,11 @@ class Hardening:
         return self._known[config]
 
     def _sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
-        """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
-        GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
-        they open least). Compared with ``config``, a gate may miss the touch in a share CLEAN_LOSS more of the
-        recordings at most. If ``config`` opens at once, only each of CLIPS is tried, with its level and with the level of
-        one frame: a spike in any frame of the level moves the whole touch."""
+        """``config`` with a tracked rest level, a clip near the largest deviations and gates: those of GATES that
+        disturbances before the touch SELDOM open, each less than the one before, up to the first that they never do (else
+        the one that they open least). Compared with ``config``, a gate may miss the touch in a share CLEAN_LOSS more of
+        the recordings at most. If ``config`` opens at once, only each of CLIPS is tried, and each of TIGHT with the level
+        of one frame: a spike in any frame of the level moves the whole touch."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")
@@ -87,20 +88,29 @@ class Hardening:
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
         deviations, before = np.abs(np.concatenate(touches.touched)), config.rest_level.clip
         most, spans = np.quantile(deviations, 1 - share), np.quantile(deviations, 1 - share, axis=0)
-        clips = [min(max(int(np.ceil(over * most)), 1), before or 65535) for over in CLIPS]
-        if spans.max() > UNEVEN**2 * max(spans.min(), 1):
-            # columns of different kinds: one clip would only affect those with the largest codes
-            clips = [before]
+
+        def at(factor: float) -> int:
+            # of columns of different kinds one clip would only affect those with the largest codes
+            uneven = spans.max() > UNEVEN**2 * max(spans.min(), 1)
+            return before if uneven else min(max(int(np.ceil(factor * most)), 1), before or 65535)
+
         if config.opens_at_once:
-            frames = [config.rest_level.rest_frames] + [1] * (config.rest_level.rest == "initial")
-            found = [valid(level, clip=clip, rest_frames=count) for count in frames for clip in clips]
+            frames = config.rest_level.rest_frames
+            limits = [(frames, at(factor)) for factor in CLIPS]
+            limits += [(1, at(factor)) for factor in TIGHT if config.rest_level.rest == "initial"]
+            found = [valid(level, clip=clip, rest_frames=count) for count, clip in limits]
         else:
             fewest = len(self.screen.touches(config)) - CLEAN_LOSS * len(self.screen.recordings)
-            found = list(self._gates(level, clips[0], fewest))
+            found = list(self._gates(level, at(CLIPS[0]), fewest))
         return [one for one in dict.fromkeys(found) if one and one != config.replace(name=one.name)]
 
+    def false_onsets(self, gate: AcceleratorConfig, threshold: int) -> float:
+        """As `Panel.false_onsets`; what is before a single onset at ``threshold`` codes is quiet."""
+        loosest = valid(gate, onset_hits=1, onset_span=1, onset_threshold=threshold)
+        return self.stress.false_onsets(gate, loosest)
+
     def _gates(self, level: AcceleratorConfig, clip: int, fewest: float) -> Iterator[AcceleratorConfig]:
-        """``level`` with this clip and each of two gates, if they find enough touches."""
+        """``level`` with this clip and gates that disturbances open less and less, if they find enough touches."""
         assert self.screen is not None
         rule, best, least = level.onset_rule, None, np.inf
         for hits, span, over in GATES:
@@ -109,10 +119,9 @@ class Hardening:
             one = valid(level, clip=clip and max(clip, 2 * threshold), **gate)
             if one is None or len(self.screen.touches(one)) < fewest:
                 continue  # its windows tell nothing
-            opened = self.stress.false_onsets(one)
-            if opened < least:
-                if least > SELDOM >= opened > 0:
-                    yield one
+            if (opened := self.stress.false_onsets(one, level)) < least:
+                if best and least <= SELDOM:
+                    yield best
                 best, least = one, opened
             if not least:
                 break
@@ -125,11 +134,13 @@ class Hardening:
         every, kinds = config.sensor.scan_every, config.features.feature_kinds
         if self.screen is None or every == 1 or "mean" not in kinds or config.windows.window_mode == "touch":
             return []
-        rule, hop = config.onset_rule, 2 * config.windows.hop
+        rule, hop, frames = config.onset_rule, 2 * config.windows.hop, config.rest_level.rest_frames
         one = valid(
             config,
             scan_every=every // 2,
-            rest_frames=2 * config.rest_level.rest_frames,
+            rest_frames=frames
+            if frames == 1
+            else 2 * frames,  # a spike in any more would move the whole touch
             onset_mean_frames=2 * rule.onset_mean_frames,
             onset_check_frames=2 * rule.onset_check_frames,
             rearm_frames=2 * rule.rearm_frames,
@@ -158,8 +169,8 @@ class Hardening:
             for on in whole(base, self.screen.longest):
                 if on.windows.steps == STEADY:
                     clipped = self.sturdier(on) if on.opens_at_once else []
-                    tight = min((each.rest_level.clip for each in clipped), default=0)
-                    found += [each for each in clipped if each.rest_level.clip == tight] or [on]
+                    of_one = [each for each in clipped if each.rest_level.rest_frames == 1]
+                    found += of_one[:2] or clipped[-1:] or [on]
         return found
 
     def guarded(self, config: AcceleratorConfig) -> AcceleratorConfig | None:

@@ -210,6 +210,9 @@ LEVELS = ("mean", *EXTREMES)
 """Kinds of feature that an offset of a taxel moves by itself."""
 SPIKED = 0.02
 """Share of the samples that are fitted as beyond the clip."""
+LEVEL_SPIKED = 0.05
+"""Weight of a taxel's offset by the clip, for each frame of a level that begins with the touch: a spike there moves all
+windows."""
 SMOOTH = 0.1
 """Ridge penalty, which stands for noise and spikes, as a share of the mean squared length of a touch's inputs."""
 
@@ -333,6 +336,9 @@ def fit_sturdy(
     unit = max(float(x.var(axis=0).sum()), 1e-12)
     noise = np.full(len(centred), SMOOTH * unit / touches)
     if config.rest_level.clip:
+        if config.opens_at_once and config.rest_level.rest == "initial":
+            end = shaped(np.broadcast_to(config.rest_level.clip / sigma * live, features.shape)).mean(axis=0)
+            penalty += np.where(alike, LEVEL_SPIKED * config.rest_level.rest_frames * np.outer(end, end), 0.0)
         # a window's mean loses one of its frames; an extreme is lost where a spike of its sign is likely in a touch
         frames_of = dict.fromkeys(EXTREMES, max(SPIKED, 2 / config.last_frame))
         frames_of["mean"] = config.window_lengths[-1] if config.follows_touch else config.windows.window

@@ -55,8 +55,8 @@ OSCILLATOR = "a rate off by 10 %"
 _RATE, _OFF = EXPERIMENTS["wrong sample rate"]
 EXPERIMENTS[OSCILLATOR] = replace(_RATE, name=OSCILLATOR), replace(_OFF, nominal=0.1)
 
-RECORDINGS = 60
-"""Recordings that are disturbed at most, spread evenly over the classes."""
+RECORDINGS, MOST = 60, 400
+"""Recordings that are disturbed at most, spread evenly over the classes, and under the last candidates of a choice."""
 
 LOUDER = ("mains hum", "one noisy taxel")
 """Modes that can open a gate and change decisions, too."""
@@ -186,25 +186,33 @@ class Panel:
         find()
         return on
 
-    def false_onsets(self, config: AcceleratorConfig) -> float:
+    def false_onsets(self, config: AcceleratorConfig, loosest: AcceleratorConfig | None = None) -> float:
         """Sum over modes of the shares of recordings in which the gate opens when it must not: rows of gates
         alone, and those that make taxels louder all along. All recordings of the panel are looked at if the gate stays
-        shut on the recordings of ``brief``. The windows hardly matter, so gates are looked at once."""
-        key = config.rest_level, config.onset_rule, config.sensor.scan_every
-        if key not in self._gates:
-            opened = self.brief._opened(config, self._turns)
+        shut on the recordings of ``brief``. The windows hardly matter, so gates are looked at once.
+
+        Parameters
+        ----------
+        loosest:
+            The gate that finds touches first of those compared: what is before its onsets is quiet for all. None:
+            ``config``.
+        """
+        loosest = config if loosest is None else loosest
+        rules = [(each.rest_level, each.onset_rule, each.sensor.scan_every) for each in (config, loosest)]
+        if (key := tuple(rules)) not in self._gates:
+            opened = self.brief._opened(config, loosest, self._turns)
             if not opened and len(self.rows) > len(self.brief.rows):
-                opened = self._opened(config, self._turns)
+                opened = self._opened(config, loosest, self._turns)
             self._gates[key] = opened
         return self._gates[key]
 
-    def _opened(self, config: AcceleratorConfig, turns: int) -> float:
+    def _opened(self, config: AcceleratorConfig, loosest: AcceleratorConfig, turns: int) -> float:
         """The sum of ``false_onsets`` on the recordings of this panel."""
         # every taxel in turn: any single taxel may open the gate
-        scene, total = replace(self._scene(config), turns=turns), 0.0
+        scene, total = replace(self._scene(loosest), turns=turns), 0.0
         for mode, experiment in self._modes(config):
             if experiment.gate_only or mode.name in LOUDER:
-                cases = experiment.cases(scene).values()
+                cases = [replace(played, config=config) for played in experiment.cases(scene).values()]
                 total += max(float(np.mean(experiment.opened(scene, played))) for played in cases)
         return total
 
@@ -212,6 +220,13 @@ class Panel:
     def brief(self) -> Panel:
         """The same on fewer recordings, half of all at most."""
         return Panel(self.everything, self.weights, min(BRIEF, -(-len(self.everything) // 2)), BRIEF_TURNS)
+
+    @cached_property
+    def whole(self) -> Panel:
+        """The same on all recordings, MOST at most."""
+        if len(self.rows) == len(self.everything):
+            return self
+        return Panel(self.everything, self.weights, MOST, self._turns, self._seed)
 
     def unseen(self, decisions: Decisions) -> Disturbed:
         """Figures of networks that `brief` chose, on test recordings that it does not have, under disturbances

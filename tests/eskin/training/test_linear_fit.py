@@ -118,19 +118,22 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
 
 
 @each_row(
-    "rest, clip, kind, sets, mode",
+    "rest, clip, kind, sets, mode, onset",
     [
-        ("initial", 0, "mean", 6, "free"),
-        ("initial", 0, "mean", 1, "free"),
-        ("initial", 0, "mean", 6, "whole"),
-        ("none", 0, "mean", 6, "free"),
-        ("initial", 9, "mean", 6, "free"),
-        ("initial", 9, "highest", 6, "free"),
+        ("initial", 0, "mean", 6, "free", "band"),
+        ("initial", 0, "mean", 1, "free", "band"),
+        ("initial", 0, "mean", 6, "whole", "band"),
+        ("none", 0, "mean", 6, "free", "band"),
+        ("initial", 9, "mean", 6, "free", "band"),
+        ("initial", 9, "mean", 1, "free", "immediate"),
+        ("initial", 9, "highest", 6, "free", "band"),
     ],
 )
-def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, rest, clip, kind, sets, mode):
+def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(
+    monkeypatch, rest, clip, kind, sets, mode, onset
+):
     """In closed form and copy by copy: touches cut short, at other rates, and with the beginning of another one over
-    their end; and what a lost taxel, at rest or masked, changes in the logits, as a penalty."""
+    their end; and what a lost taxel, at rest or masked, or a spike in the level changes in the logits, as a penalty."""
     for name in ("OFFSET", "COMMON", "DRIFT"):
         monkeypatch.setattr(linear_fit, name, 0.0)
     rng = np.random.default_rng(4)
@@ -139,6 +142,7 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     level = dict(rest=rest, rest_frames=4 * (rest == "initial"), clip=clip)
     of_window = "window" if sets > 1 else "one"
     config = CONFIG.replace(**level, feature_kinds=(kind,), weight_sets=of_window, window_mode=mode)
+    config = config.replace(onset=onset)
 
     def inputs(values: np.ndarray) -> np.ndarray:
         return values.reshape(50, sets, -1, 4).sum(axis=2).reshape(50, -1)
@@ -175,6 +179,9 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
         own = np.tile(np.arange(4) == taxel, sets)
         changes.append(np.sqrt(weight)[:, None] * (x - mean) * own)
         changes += [(np.sqrt(0.5) * (level - mean) * own)[None] for level in (at_rest, 0.0)]
+    if onset == "immediate":  # each of the level's four frames moves a taxel's windows by the clip
+        moved = np.sqrt(4 * linear_fit.LEVEL_SPIKED) / root * clip / 2.0 * 6 / sets
+        changes += [(moved * np.tile(np.arange(4) == taxel, sets))[None] for taxel in range(4)]
     centred = np.concatenate([np.sqrt(weight)[:, None] * (x - mean), *(root * rows for rows in changes)])
     share = weight @ indicators
     targets = np.zeros((len(centred), 2))

@@ -22,6 +22,7 @@ from eskin.choose.choice import configure, train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
+from eskin.choose.networks import INSIDE, STURDY, Effort, all_recordings, more_scans
 from eskin.choose.sturdy import BLOCKS, SELDOM, STILL, Hardening
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.groups import Faults
@@ -219,15 +220,71 @@ def test_a_sturdier_gate_is_not_opened_by_a_glitch():
     assert panel.false_onsets(plain) == 1.0
     hardening = Hardening(panel, Screen(recordings))
     *lighter, hard = hardening.sturdier(plain)
-    assert panel.false_onsets(hard) == 0 and all(0 < panel.false_onsets(one) <= SELDOM for one in lighter)
+    opened = [hardening.false_onsets(on, plain.onset_rule.onset_threshold) for on in (*lighter, hard)]
+    assert (
+        opened == sorted(opened, reverse=True)
+        and opened[-1] == 0
+        and all(0 < one <= SELDOM for one in opened[:-1])
+    )
+    # what is before its own late onset holds the beginning of the touch
+    assert panel.false_onsets(hard) > 0 and hard.onset_rule.onset_hits > plain.onset_rule.onset_hits
     assert hard.rest_level.rest == "tracked" and hard.rest_level.clip > hard.onset_rule.onset_threshold
     once = plain.replace(onset="immediate")
     levels = [on.rest_level for on in hardening.sturdier(once)]
-    assert [level.rest_frames for level in levels] == [32, 32, 1, 1]
-    assert levels[0].clip > levels[1].clip > 0 and [level.clip for level in levels[2:]] == [
-        level.clip for level in levels[:2]
-    ]
+    assert [level.rest_frames for level in levels] == [32, 32, 1, 1, 1]
+    clips = [level.clip for level in levels]
+    assert clips[1] == clips[2] and clips[0] > clips[1] > clips[3] > clips[4] > 0
     assert Hardening(panel).sturdier(plain) == []  # it was asked for
+
+
+def unguarded(panel: Panel) -> ScoredCandidate:
+    """A network without a fault detector, under this panel."""
+    plain, recordings = undetected(), stability_case.recordings()
+    fold = Fold(np.arange(0), np.arange(len(recordings)), 0)
+    fitted = FittedNetwork(plain.real, plain.model, Datasets(recordings).of(plain.config, RECIPES["robust"]))
+    decisions = Decisions.of([(fold, fitted)], recordings.labels)
+    candidate = Candidate(plain.config, plain.config, RECIPES["robust"])
+    return ScoredCandidate.of(candidate, decisions, fold.test, panel)
+
+
+def moving(scored: ScoredCandidate, panel: Panel, **more: Any) -> Any:
+    """What moves read of a search that has tried this candidate."""
+    prices, rows = priced(cost_of=cost_by_size), np.arange(len(panel.everything))
+    state = dict(calm=scored, tried=[scored], comparable=[scored], prices=prices, rows=rows, finalists=[])
+    return SimpleNamespace(**state | {"effort": Effort(fits=()), "hardening": Hardening(panel)} | more)
+
+
+def test_candidates_that_tie_for_the_best_are_disturbed_on_all_recordings():
+    recordings = stability_case.recordings()
+    panel = Panel(recordings, {"one dead taxel, worst": 1.0}, count=8)
+    few = unguarded(panel)
+    search = moving(few, panel)
+    all_recordings(search)
+    (finalist,) = search.finalists
+    assert search.tried == [finalist] and finalist.candidate is few.candidate
+    assert [int((~np.isnan(each.stressed)).sum()) for each in (few, finalist)] == [8, len(recordings)]
+    inside = moving(few, panel, effort=INSIDE)
+    all_recordings(inside)
+    assert inside.tried == [few] and not inside.finalists
+    assert panel.whole.whole is panel.whole is not panel
+
+
+def test_a_linear_cell_is_tried_with_four_times_the_scans(monkeypatch):
+    recordings = stability_case.recordings()
+    panel = Panel(recordings, {"one dead taxel, worst": 1.0}, count=8)
+    at = dict(scan_every=4, window_mode="free", pretrigger_frames=0, fault_frames=0, fault_activity=0)
+    on = stability_case.CONFIG.replace(**at, rest="initial", rest_frames=1)
+    scored = judged(4, 1000, 900)
+    monkeypatch.setattr(
+        "eskin.choose.networks.ahead_of", lambda _: [replace(scored, candidate=Candidate(on, on, None))]
+    )
+    request = dict(like_calm=lambda config, fit: (config, fit), in_price=list, request=list)
+    calm = SimpleNamespace(is_linear=True)
+    search = moving(scored, panel, calm=calm, hardening=Hardening(panel, Screen(recordings)), **request)
+    found = more_scans(search)
+    assert [fit for _, fit in found] == list(STURDY)
+    assert {(config.sensor.scan_every, config.rest_level.rest_frames) for config, _ in found} == {(1, 1)}
+    assert {config.windows.window for config, _ in found} == {8 * on.windows.hop}
 
 
 def test_a_fault_detector_masks_dead_taxels_and_no_sound_one():
@@ -241,11 +298,7 @@ def test_a_fault_detector_masks_dead_taxels_and_no_sound_one():
     for taxel, played in enumerate(EXPERIMENTS["one dead taxel, worst"][1].cases(scene).values()):
         flagged = find_touches(guarded, played.recordings, steps=0).flagged > 0
         assert flagged[:, taxel].all() and flagged.sum() == len(flagged)
-    fold = Fold(np.arange(0), np.arange(len(recordings)), 0)
-    fitted = FittedNetwork(plain.real, plain.model, Datasets(recordings).of(plain.config, RECIPES["robust"]))
-    decisions = Decisions.of([(fold, fitted)], recordings.labels)
-    bare = Candidate(plain.config, plain.config, RECIPES["robust"])
-    masked = ScoredCandidate.of(bare, decisions, fold.test, hardening.stress).guarded(guarded, fold.test)
+    masked = unguarded(hardening.stress).guarded(guarded, np.arange(len(recordings)))
     assert masked.config == plain.config.replace(**asdict(guarded.faults))
     assert masked.candidate.front_end == guarded and masked.score == 1
     still = replace(recordings, samples=recordings.samples // 1000)  # a sound taxel would be masked
@@ -262,7 +315,9 @@ def test_windows_that_divide_a_touch_are_sturdy_with_more_scans_and_without_the_
     found, gated = map(Hardening(None, Screen(recordings)).dividing, (once, at))  # type: ignore[arg-type]
     assert [on.sensor.scan_every for on in found] == [4, 4, 2, 2, 1, 1]
     assert {on.windows.steps for on in found} == {20}
-    assert [on.rest_level.rest_frames == 1 for on in found] == [False, True] * 3
+    assert {on.rest_level.rest_frames for on in found} == {1} and found[0].rest_level.clip > found[
+        1
+    ].rest_level.clip
     for on in found:
         assert on.follows_touch and on.rest_level.rest == "initial" and on.rest_level.clip > 0
         assert on.windows.touch_frames * on.sensor.scan_every >= recordings.lengths.max()
