@@ -74,11 +74,11 @@ class Hardening:
         return self._known[config]
 
     def _sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
-        """``config`` with a tracked rest level, a clip near the largest deviations and gates: those of GATES that
-        disturbances before the touch SELDOM open, each less than the one before, up to the first that they never do (else
-        the one that they open least). Compared with ``config``, a gate may miss the touch in a share CLEAN_LOSS more of
-        the recordings at most. If ``config`` opens at once, only each of CLIPS is tried, and each of TIGHT with the level
-        of one frame: a spike in any frame of the level moves the whole touch."""
+        """``config`` with a tracked rest level, a clip near the largest deviations, and the gates of GATES that disturbances
+        before the touch SELDOM open, each less than the last, up to the first that they never do (else up to the gate that
+        they open least). Compared with ``config``, a gate may miss the touch in a share CLEAN_LOSS more of the recordings
+        at most. If ``config`` opens at once, only each of CLIPS is tried, and each of TIGHT with the level of one frame: a
+        spike in any frame of the level moves the whole touch."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")
@@ -105,7 +105,7 @@ class Hardening:
         return [one for one in dict.fromkeys(found) if one and one != config.replace(name=one.name)]
 
     def false_onsets(self, gate: AcceleratorConfig, threshold: int) -> float:
-        """As `Panel.false_onsets`; what is before a single onset at ``threshold`` codes is quiet."""
+        """As `Panel.false_onsets`; frames before a single onset at ``threshold`` codes are quiet."""
         loosest = valid(gate, onset_hits=1, onset_span=1, onset_threshold=threshold)
         return self.stress.false_onsets(gate, loosest)
 
@@ -138,9 +138,7 @@ class Hardening:
         one = valid(
             config,
             scan_every=every // 2,
-            rest_frames=frames
-            if frames == 1
-            else 2 * frames,  # a spike in any more would move the whole touch
+            rest_frames=2 * frames if frames > 1 else frames,
             onset_mean_frames=2 * rule.onset_mean_frames,
             onset_check_frames=2 * rule.onset_check_frames,
             rearm_frames=2 * rule.rearm_frames,

@@ -194,7 +194,7 @@ class Panel:
         Parameters
         ----------
         loosest:
-            The gate that finds touches first of those compared: what is before its onsets is quiet for all. None:
+            The gate that finds touches first; frames before its onsets are quiet for all gates compared. None:
             ``config``.
         """
         loosest = config if loosest is None else loosest

@@ -224,9 +224,9 @@ def test_a_sturdier_gate_is_not_opened_by_a_glitch():
     assert (
         opened == sorted(opened, reverse=True)
         and opened[-1] == 0
-        and all(0 < one <= SELDOM for one in opened[:-1])
+        and all(0 < share <= SELDOM for share in opened[:-1])
     )
-    # what is before its own late onset holds the beginning of the touch
+    # the frames before a late onset hold the beginning of the touch
     assert panel.false_onsets(hard) > 0 and hard.onset_rule.onset_hits > plain.onset_rule.onset_hits
     assert hard.rest_level.rest == "tracked" and hard.rest_level.clip > hard.onset_rule.onset_threshold
     once = plain.replace(onset="immediate")
