@@ -191,8 +191,11 @@ DESIGNS = {
 }
 
 
-@pytest.mark.parametrize("name", DESIGNS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * name.startswith("one taxel")) for name in DESIGNS]
+)
 def test_a_design_is_exact(name, tmp_path):
+    """tests/test_covering.py has one taxel and moving sums in every run."""
     config, lengths = DESIGNS[name]
     model = at_the_ends(config) if "bits" in name else random_integer_model(config, 3)
     recordings = random_recordings(model.config, lengths, 3)

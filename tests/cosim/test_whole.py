@@ -1,5 +1,5 @@
 """Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature.
-tests/test_covering.py has one taxel, one window, extremes alone and a fault detector."""
+tests/test_covering.py has one taxel, one window, linear cells, extremes alone and a fault detector."""
 
 import pytest
 
@@ -48,7 +48,9 @@ DESIGNS = {
 }
 
 
-@pytest.mark.parametrize("title", DESIGNS)
+@pytest.mark.parametrize(
+    "title", [pytest.param(title, marks=[pytest.mark.slow] * ("linear" in title)) for title in DESIGNS]
+)
 def test_every_stage_is_golden(tmp_path, title):
     assert not differences(Design(BASE.replace(**DESIGNS[title]), 7, True), tmp_path)
 
