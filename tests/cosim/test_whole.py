@@ -23,13 +23,6 @@ BASE = TRACKED.replace(
     rearm_frames=9,
 )
 DESIGNS = {
-    "linear, ended by its longest touch": {
-        "cell": "linear",
-        "decision": "last",
-        "steps": 5,
-        "store_per_window": 6,
-        "touch_frames": 65,
-    },
     "all kinds, changes": {
         "feature_kinds": FEATURE_KINDS,
         "activity_rule": "change",
@@ -48,9 +41,7 @@ DESIGNS = {
 }
 
 
-@pytest.mark.parametrize(
-    "title", [pytest.param(title, marks=[pytest.mark.slow] * ("linear" in title)) for title in DESIGNS]
-)
+@pytest.mark.parametrize("title", DESIGNS)
 def test_every_stage_is_golden(tmp_path, title):
     assert not differences(Design(BASE.replace(**DESIGNS[title]), 7, True), tmp_path)
 
