@@ -1,5 +1,5 @@
 """Windows that follow the touch: hardware against golden at every stage, touches of every end, all kinds of feature.
-tests/test_covering.py has one taxel, one window, linear cells, extremes alone and a fault detector."""
+tests/test_covering.py has one taxel, one window, extremes alone and a fault detector."""
 
 import pytest
 
@@ -23,6 +23,13 @@ BASE = TRACKED.replace(
     rearm_frames=9,
 )
 DESIGNS = {
+    "linear, ended by its longest touch": {
+        "cell": "linear",
+        "decision": "last",
+        "steps": 5,
+        "store_per_window": 6,
+        "touch_frames": 65,
+    },
     "all kinds, changes": {
         "feature_kinds": FEATURE_KINDS,
         "activity_rule": "change",

@@ -66,7 +66,7 @@ KINDS: dict[str, list] = {
 
 
 @pytest.mark.filterwarnings("ignore:predict:UserWarning")
-@each_row("kind, decision", [*zip(KINDS, ("last", "vote", "last", "vote"), strict=True), ("truths", "last")])
+@each_row("kind, decision", zip(KINDS, ("vote", "last") * 2, strict=True))
 def test_answers_of_a_fitted_model_are_labels_as_they_were_given(lists, monkeypatch, kind, decision):
     monkeypatch.setitem(PRESETS, "small", LINEAR.replace(decision=decision))
     given = np.array(KINDS[kind])[lists[1]]

@@ -155,10 +155,9 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
 def scheduler():
     """Address of a scheduler with a worker process, the first end of which counts."""
     distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
-    options = dict(n_workers=1, threads_per_worker=1, dashboard_address=None)
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(**options) as cluster,
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
     ):
         yield cluster.scheduler_address
 
