@@ -47,6 +47,8 @@ BENCH_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "COCOTB_REWRITE_ASSERTION_FILE
 which takes two thirds of a short run's time."""
 RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eskin"
 """Verilator's own runtime, compiled once a machine."""
+HEADER = "verilated.h.fast.gch"
+"""Verilator's header, compiled: its makefile has a rule for it."""
 
 
 def need_tools(*names: str) -> None:
@@ -285,8 +287,10 @@ def _verilated(
     words = [*"-cc --exe -Mdir . --prefix Vtop --top-module".split(), top, "-o", output, *options]
     step([str(verilator), *words, *(_linked(path, folder) for path in sources)], folder, environment)
     prepare(folder)
-    with _shared_runtime(folder, verilator, ["-fPIC" in options, *compiling]):
-        step(["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *compiling], folder, environment)
+    kind = "-fPIC" in options, "VM_TRACE=1" in compiling
+    with _shared_runtime(folder, verilator, kind) as words:
+        command = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *compiling, *words]
+        step(command, folder, environment)
 
 
 def _linked(path: Path, folder: Path) -> str:
@@ -297,20 +301,25 @@ def _linked(path: Path, folder: Path) -> str:
 
 
 @contextmanager
-def _shared_runtime(folder: Path, verilator: Path, kind: Sequence[Any]) -> Iterator[None]:
-    """While a design is made in ``folder``: Verilator's own runtime compiles the same for every design of a ``kind``,
-    and takes longer than most of them; it is compiled once a machine."""
-    runtime = RUNTIMES / f"runtime-{content_key(str(verilator), verilator.stat().st_mtime_ns, kind)[:16]}"
+def _shared_runtime(folder: Path, verilator: Path, kind: Sequence[Any]) -> Iterator[list[str]]:
+    """Words for the make of a design in ``folder``: Verilator's own runtime and its header compile the same for every
+    design of a ``kind``, and take longer than most of them; they are compiled once a machine."""
+    described = HEADER, str(verilator), verilator.stat().st_mtime_ns, kind
+    runtime = RUNTIMES / f"runtime-{content_key(*described)[:16]}"
     with locked(runtime.with_suffix(".lock")):
         if not runtime.exists():
-            yield
+            yield ["default", HEADER]
             with replacing_folder(runtime) as draft:
                 for file in folder.glob("verilated*.o"):
                     shutil.copy(file, draft)
+                shutil.move(folder / HEADER, draft / "verilated.h.gch")
             return
         for file in runtime.glob("*.o"):
             shutil.copy(file, folder)
-    yield
+        (folder / "verilated.h.gch").symlink_to(runtime / "verilated.h.gch")
+    # a large design, in many files, compiles another header, and a file takes only one
+    whole = "VM_PARALLEL_BUILDS = 0" in (folder / "Vtop_classes.mk").read_text()
+    yield ["USER_CPPFLAGS=-include verilated.h"] * whole
 
 
 def _tail(log: Path, lines: int = 25) -> str:

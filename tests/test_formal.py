@@ -40,7 +40,9 @@ def test_a_proof_finds_what_it_names_in_its_block(title):
 
 
 FAST = {"control.no_write_during_a_touch 0", *(f"{proof.title} None" for proof in run.proofs(quick=True))}
-"""With the first bug of one proof; ``make formal`` looks for all of all."""
+FAST -= {"decision_queue.once_and_in_order None"}
+"""With the first bug of one proof; ``make formal`` looks for all of all. The longest is slow: tests/rtl/host/test_driver.py
+reads its queue."""
 
 
 @pytest.mark.parametrize(

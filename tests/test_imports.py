@@ -83,17 +83,21 @@ def imports_of(tree: ast.AST, known: set[str]) -> set[str]:
 
 
 @cache
+def tree_of(name: str) -> ast.Module:
+    return ast.parse(modules()[name].read_text())
+
+
+@cache
 def imports(name: str) -> frozenset[str]:
     """What one module imports when it runs."""
-    return frozenset(imports_of(ast.parse(modules()[name].read_text()), set(modules())))
+    return frozenset(imports_of(tree_of(name), set(modules())))
 
 
 @cache
 def load_time_imports(name: str) -> frozenset[str]:
     """What one module imports at its top level, so whenever it is loaded."""
-    tree = ast.parse(modules()[name].read_text())
-    tree.body = [node for node in tree.body if not isinstance(node, (ast.FunctionDef, ast.ClassDef))]
-    return frozenset(imports_of(tree, set(modules())))
+    body = [node for node in tree_of(name).body if not isinstance(node, (ast.FunctionDef, ast.ClassDef))]
+    return frozenset(imports_of(ast.Module(body, []), set(modules())))
 
 
 def reached(name: str) -> set[str]:
@@ -204,7 +208,7 @@ def test_only_verbs_know_the_command_line():
     assert len(learning) > 150
     for name in learning:
         used = {other for other in imports(name) if other.startswith(COMMAND_LINE)}
-        named = namings(sentences(ast.parse(modules()[name].read_text()), name in OF_TOOLS))
+        named = namings(sentences(tree_of(name), name in OF_TOOLS))
         assert not used and not named, (name, used, named)
     tree = ast.parse(
         "def f():\n    'Of `--out`.'\n    raise InputError(f'--out {x}: is bad; leave `nonsense` out')"

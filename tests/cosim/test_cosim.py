@@ -17,7 +17,7 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.results import Cycles
 from eskin.cosim.simulation import Simulation
-from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError, QFormat, SimulationError
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
 from eskin.golden.model import Fixed, IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.host import control
@@ -156,15 +156,6 @@ def at_the_ends(config: AcceleratorConfig) -> IntegerModel:
 
 FEW = SMALL.replace(hop=60, window=121, touch_frames=240, steps=3, lanes=16)
 """Windows are so long that no step holds a frame up: the frame's own time is measured."""
-FREE = dict(
-    rest="initial",
-    rest_frames=4,
-    window_mode="free",
-    pretrigger_frames=0,
-    window=120,
-    clip=300,
-    feature_scale="taxel",
-)
 WIDE = SMALL.replace(
     taxels=6,
     hidden=5,
@@ -176,11 +167,10 @@ WIDE = SMALL.replace(
     logit_format=QFormat(6, 10),
 )
 LARGE = SMALL.replace(hop=4, window=8, touch_frames=16, steps=3, sample_rate_hz=100.0, lanes=4, taxels=256)
-CLASSES = tuple(f"class {k}" for k in range(128))
 MOVING = dict(rest="tracked", rest_frames=4, onset="baseline", onset_mean_frames=8, onset_check_frames=4)
+CLASSES = tuple(f"class {k}" for k in range(128))
 DESIGNS = {
     "one taxel, moving sums": (FEW.replace(taxels=1, **MOVING), (600,)),
-    "two taxels, all kinds of feature": (FEW.replace(taxels=2, feature_kinds=FEATURE_KINDS, **FREE), (600,)),
     "the largest array, the most classes": (
         LARGE.replace(
             feature_kinds=("mean", "activity"), decision="last", class_names=CLASSES, margin_threshold=3

@@ -153,9 +153,12 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
 # ---------------------------------------------------------------------- a cluster
 @pytest.fixture(scope="module")
 def scheduler():
-    """Address of a scheduler with two worker processes."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    """Address of a scheduler with a worker process, the first end of which counts."""
+    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
         yield cluster.scheduler_address
 
 

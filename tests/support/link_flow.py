@@ -37,7 +37,9 @@ def pack_decisions(config: AcceleratorConfig, rows: np.ndarray) -> list[int]:
 @cache
 def board_of(config: AcceleratorConfig) -> Design:
     """The board, to be simulated."""
-    return Design(text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
+    return Design(
+        text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top", quick=True
+    )
 
 
 def play_link(

@@ -113,8 +113,8 @@ class Engine(PySimEngine):
 
 
 def _shorter(code: str, shapes: dict[str, Shape]) -> str:
-    """The same function: a signal's whole value is not masked again, only what changes is handed over, and signals have
-    names in place of numbers."""
+    """The same function: a signal's whole value is not masked again, only what changes is handed over, a memory is
+    written if it is enabled, and signals have names in place of numbers."""
 
     def whole(match: re.Match) -> str:
         shape = shapes[match[2]]
@@ -124,6 +124,7 @@ def _shorter(code: str, shapes: dict[str, Shape]) -> str:
     value = r"\(0x([0-9a-f]+) & (slots\[\d+\]\.curr)\)"
     code = re.sub(rf"(?<!sign\(){value}", whole, re.sub(rf"sign\({value}, -0x[0-9a-f]+\)", whole, code))
     code = re.sub(r"(slots\[(\d+)\]\.)(update\(next_\2\b)", r"if \1next != next_\2: \1\3", code)
+    code = re.sub(r"(slots\[\d+\]\.write\(\w+, \w+, (\w+)\))", r"if \2: \1", code)
     names = {f"slot_{number} = slots[{number}]\n" for number in re.findall(r"slots\[(\d+)\]", code)}
     return "".join(sorted(names)) + re.sub(r"slots\[(\d+)\]", r"slot_\1", code)
 

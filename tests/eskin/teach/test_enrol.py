@@ -78,7 +78,7 @@ def changed(old, new) -> set[str]:
 EACH_TWO = {"rise": 2, "fall": 2, "pulse": 2}
 
 
-@pytest.mark.parametrize("old", [OLD, None], ids=["with", "alone"])
+@pytest.mark.parametrize("old", [OLD, pytest.param(None, marks=pytest.mark.slow)], ids=["with", "alone"])
 def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, old):
     result = enrol(model, FEW, tmp_path / "m", old=old)
     # else there is nothing to learn

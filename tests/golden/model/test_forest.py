@@ -3,8 +3,7 @@
 import numpy as np
 from sklearn.ensemble import RandomForestClassifier
 
-from eskin.golden.model import FloatModel, IntegerModel, Stream, run
-from eskin.training.made_up import random_recordings
+from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.trees import Trees, forest_arrays
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
@@ -38,18 +37,6 @@ def test_a_window_that_is_not_there_has_the_features_of_the_last():
         repeated = features[:, np.minimum(np.arange(4), k)]
         assert np.array_equal(logits[:, k], model.forward(repeated)[1][:, -1])
     assert (logits[:, 0] != logits[:, -1]).any()
-
-
-def test_a_stream_decides_as_the_whole_recording():
-    model = random_integer_model(TREES, 5)
-    recordings = random_recordings(model.config, (420, 80), 5)
-    trace = run(model, recordings)
-    for number, decision in enumerate(trace.decision):
-        stream = Stream(model)
-        stream.push(recordings.samples[slice(*recordings.offsets[number : number + 2])])
-        stream.finish()
-        assert stream.decision == decision
-    assert trace.touches.partial.any() and (trace.decision >= 0).any()
 
 
 @each_row(

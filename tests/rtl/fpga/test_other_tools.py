@@ -10,11 +10,13 @@ from systemrdl import RDLCompiler
 
 from eskin.cosim.runner import verilator_command
 from eskin.golden.core import PRESETS
+from eskin.rtl.fpga import generate as generating
 from eskin.rtl.fpga.export import WAIVER
 from eskin.verbs.generate import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
+from tests.support.silent import forget
 from tests.support.table import refused
 from tests.test_matrix import IMAGES, KINDS, TOUCHES
 
@@ -128,8 +130,9 @@ def test_two_designs_go_into_one_system(tmp_path):
         generate_design(model_of("linear"), tmp_path / "no", top="stdint", bus="wishbone")
 
 
-def test_a_name_may_be_a_word_of_another_language(tmp_path):
+def test_a_name_may_be_a_word_of_another_language(tmp_path, monkeypatch):
     """Of SystemRDL, where it is escaped, and of YAML, where it is quoted; Yosys escapes Verilog's."""
+    monkeypatch.setattr(generating, "verilog", lambda design, name: forget(design) or "")
     for name in ("reg", "true"):
         folder = generate_design(model_of("linear"), tmp_path / name, top=name)
         compiler = RDLCompiler()

@@ -103,7 +103,7 @@ def test_every_kind_of_every_deviation(name):
         rules, (FEATURE_KINDS, SUBSETS[number]), (SIDES[number % 3], (0.0, 0.0)), strict=True
     ):
         config = config_of(name, subset, rule)
-        seen = detect(config, make_stream(config, 130, seed=11 + number))
+        seen = detect(config, make_stream(config, 90, seed=11 + number))
         assert seen.touches
         out, _ = play(FeatureExpander(config), window_beats(config, seen), stalls, seed=3)
         assert values(out) == expected_beats(config, seen)
@@ -114,7 +114,7 @@ def test_documented_pace_and_latency(subset):
     """A deviation takes the slots up to the slot of the last kind that comes, the beat of a kind is there in the
     cycle after its slot."""
     config = config_of("pvdf", subset, "change")
-    seen = detect(config, make_stream(config, 90, seed=5, touches=[20]))
+    seen = detect(config, make_stream(config, 60, seed=5, touches=[20]))
     beats = window_beats(config, seen)
     out, accepted = play(FeatureExpander(config), beats)
     cycle, offered, slots, slot_of = 0, [], [], slots_of(config)

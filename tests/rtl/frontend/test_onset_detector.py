@@ -135,7 +135,7 @@ def repaired(stream, beats_of_frame):
 def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault, name, stall):
     """Two faults at full rate, two with stalls; two with one rule, two with the other."""
     config = CASES[name]
-    stream = make_stream(config, 160, seed=4)
+    stream = make_stream(config, 110, seed=4)
     taxels, whole = config.sensor.taxels, sample_beats(stream)
     counts, beats, faults = [taxels] * len(stream), [], 0
     for t in range(len(stream)):

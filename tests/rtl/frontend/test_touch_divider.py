@@ -40,7 +40,7 @@ def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.nda
     ]
 
 
-@examples(16, 400)
+@examples(10, 400)
 @given(
     taxels=st.integers(1, 3),
     hop=st.integers(1, 3),
