@@ -1,8 +1,8 @@
 """``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the
 broken file see it.
 
-A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
-and conditions that only lead to one (error messages), assertions (``strict`` too), ``reset_less``, decorators and default arguments: none of
+A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``,
+conditions that only lead to an error message, assertions (``strict`` too), ``reset_less``, decorators and default arguments: none of
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
@@ -219,7 +219,8 @@ def _is_text(node: ast.AST) -> bool:
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only reports a user's mistake."""
-    return isinstance(statement, ast.Raise) or bool(re.match(r"(\w+\.)*refuse\(", ast.unparse(statement)))
+    begin = r"raise|yield \(['\w.]+, f?['\"]|(\w+\.)*refuse\("
+    return bool(re.match(begin, ast.unparse(statement)))
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
