@@ -88,7 +88,7 @@ class Matrix(Converter):
 
     def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> MatrixPlan:
         clock, array = clock_hz or config.hardware.clock_hz, config.interface
-        settle = max(1, math.ceil(self.settle_s * clock))
+        settle = math.ceil(self.settle_s * clock)
         port = OneCell(name="ad7476", hz=self.hz).plan(config, clock_hz)
         return MatrixPlan(
             rows=array.rows, columns=array.columns, settle=settle, settle_s=self.settle_s, port=port
