@@ -63,7 +63,7 @@ class WeightMemory(Block):
                 memory,
                 address=Mux(writes, self.load_address, self.address >> part),
                 enable=writes | (self.read & self.dense),
-                write=writes.replicate(2),
+                write=writes.replicate(len(memory.write)),
                 data=self.load_word,
             )
             halves.append(memory.word)
