@@ -1,10 +1,10 @@
 """``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the
 broken file see it.
 
-A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
-and conditions that only lead to one (error messages), assertions (``strict`` too), ``reset_less``, decorators and default arguments: none of
-them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
-judged beside those that are drawn.
+A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``,
+conditions that only lead to an error message, assertions (``strict`` too), ``reset_less``, the order of bits that
+``any`` takes, decorators and default arguments: none of them changes what the hardware computes. Faults that somebody
+thought of (``named`` in tests/mutants.toml) are judged beside those that are drawn.
 
 Each mutant is tested in a copy of the project. Verdicts are kept by the content of all files that git knows and
 of the mutant, so an interrupted run goes on where it stopped. A mutant is killed when its tests fail, cannot be
@@ -115,8 +115,7 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str], loop: bool = Fa
         case ast.FunctionDef(name=name, body=body):
             special = name.startswith("__") and name not in ("__init__", "__post_init__")
             below = [] if special or name in skip else body
-            made = re.findall(r"(?<![.\w])(\w+) = (?:self\.\w+ = )?Signal\(", ast.unparse(node))
-            names = sorted(set(made))
+            names = sorted({*re.findall(r"(?<![.\w])(\w+) = (?:self\.\w+ = )?Signal\(", ast.unparse(node))})
         case ast.ClassDef(body=body):
             below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
         case ast.AnnAssign(value=value):
@@ -129,6 +128,8 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str], loop: bool = Fa
             below = orelse
         case ast.If(test=test) | ast.IfExp(test=test):
             yield "condition", test, f"not ({ast.unparse(test)})"
+        case ast.Call(ast.Attribute(ast.Call(ast.Name("Cat"), below), "any")):  # in any order
+            pass
         case ast.Call(func=func, args=args, keywords=words):
             yield from _call_faults(node, names)
             below = [
@@ -156,11 +157,10 @@ def _value_faults(node: Any) -> Iterator[Fault]:
                     yield kind, node, first + signs[of] + second
             if of in SWAPPED:
                 yield "swapped operands", node, second + SWAPPED[of] + first
-        case ast.UnaryOp(op=ast.UAdd()) | ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
             pass
-        case ast.UnaryOp(operand=operand):
-            negative = isinstance(node.op, ast.USub)
-            yield "operator" if negative else "condition", node, ast.unparse(operand)
+        case ast.UnaryOp(op=op, operand=operand):
+            yield "operator" if isinstance(op, ast.USub) else "condition", node, ast.unparse(operand)
         case ast.Constant(value=bool(value)):
             yield "constant", node, str(not value)
         case ast.Constant(value=int(value)):
@@ -219,7 +219,7 @@ def _is_text(node: ast.AST) -> bool:
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only reports a user's mistake."""
-    return isinstance(statement, ast.Raise) or bool(re.match(r"(\w+\.)*refuse\(", ast.unparse(statement)))
+    return bool(re.match(r"raise|yield \(['\w.]+, f?['\"]|(\w+\.)*refuse\(", ast.unparse(statement)))
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:

@@ -44,7 +44,7 @@ from eskin.choose.candidate import (
     in_reach,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.front_ends import Listed
+from eskin.choose.front_ends import Listed, valid
 from eskin.choose.search import Move, Request, Search, search
 from eskin.choose.sturdy import SPREAD, Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -476,6 +476,19 @@ def sturdier_networks(search: NetworkSearch) -> Request:
     return search.request(search.in_price(search.like_calm(on, fit) for on in ends for fit in fits))
 
 
+def means_alone(search: NetworkSearch) -> Request:
+    """The best recurrent cell so far with means alone, under the tightest clips: a spike moves other features more."""
+    calm, hardening = search.calm, search.hardening
+    if calm is None or hardening is None or not calm.config.recurrent:
+        return Request()
+    on = ahead_of(search)[0].candidate.front_end
+    tight = [on, *hardening.sturdier(on)][-1 if search.effort.brief else -2 :]
+    means = [valid(each, feature_kinds=("mean",), activity_block=1) for each in tight]
+    return search.request(
+        search.in_price(search.like_calm(each, fit) for each in means if each for fit in search.effort.robust)
+    )
+
+
 def more_windows(search: NetworkSearch) -> Request:
     """The best linear cells so far with more windows, which regain some of the accuracy that a sturdier fit loses."""
     calm, hardening = search.calm, search.hardening
@@ -640,6 +653,7 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("a larger GRU", larger_gru),
     Move("further seeds", other_seeds),
     Move("sturdier designs", sturdier_networks),
+    Move("means alone", means_alone),
     Move("more windows", more_windows),
     Move("more scans", more_scans),
     Move("windows that divide the touch", windows_of_the_touch),

@@ -257,7 +257,7 @@ def real_features(
         known = config.length_index
         lengths = np.array([*known, *[known[0]] * sums.shape[-2]][: sums.shape[-2]], dtype=np.int64)
     units = np.array(config.feature_units).reshape(-1, config.kinds)[lengths]
-    return sums / (units[..., list(config.input_kinds)] if config.kinds > 1 else units)
+    return sums / units[..., list(config.input_kinds)]
 
 
 def normalise(
@@ -320,16 +320,15 @@ def _batches(lengths: np.ndarray, taxels: int, most: int | None = None) -> list[
 
 
 def by_input(config: AcceleratorConfig, constants: np.ndarray) -> np.ndarray:
-    """Normaliser constants (lengths) or (lengths, constants) as (lengths, inputs), or (lengths, 1) where they
-    are the same, int64."""
+    """Normaliser constants (lengths) or (lengths, constants) as (lengths, inputs), int64."""
     table = np.asarray(constants, dtype=np.int64).reshape(len(config.window_lengths), config.constants)
-    return table[:, list(config.input_constants)] if config.constants > 1 else table
+    return table[:, list(config.input_constants)]
 
 
 def shifts_by_input(config: AcceleratorConfig) -> np.ndarray:
-    """feature_shift as (lengths, inputs), or (lengths, 1) where they are the same, int64."""
+    """feature_shift as (lengths, inputs), int64."""
     table = np.array(config.features.feature_shift, dtype=np.int64).reshape(-1, config.kinds)
-    return table[:, list(config.input_kinds)] if config.kinds > 1 else table
+    return table[:, list(config.input_kinds)]
 
 
 def window_values(

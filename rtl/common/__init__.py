@@ -34,7 +34,7 @@ from eskin.rtl.common.layouts import (
     touch_layout,
     window_layout,
 )
-from eskin.rtl.common.load_port import image_lines, lines_signature, load_lines, load_signature
+from eskin.rtl.common.load_port import HOST_BITS, image_lines, lines_signature, load_lines, load_signature
 from eskin.rtl.common.mac16 import sb_mac16
 from eskin.rtl.common.memory_style import (
     CHIP,

@@ -7,6 +7,9 @@ from eskin.rtl.common.ports import outputs
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.memory_map import ImageMemory, memories
 
+HOST_BITS = 16
+"""Bits of a word of the host, and of a place in a memory."""
+
 
 def load_lines(config: AcceleratorConfig) -> dict[int, int]:
     """The line of ``select`` of a memory, by its value of MEMORY_SELECT."""
@@ -29,4 +32,4 @@ def load_signature(config: AcceleratorConfig) -> wiring.Signature:
 
 def lines_signature(lines: int) -> wiring.Signature:
     """`load_signature` with this number of lines."""
-    return wiring.Signature(outputs(select=lines, address=16, data=16, enable=1))
+    return wiring.Signature(outputs(select=lines, address=HOST_BITS, data=HOST_BITS, enable=1))

@@ -33,9 +33,8 @@ class EarlyRule(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         steps = self._config.network.early_steps
-        agreed = self.agreed = Signal(
-            range(steps)
-        )  # decisions just before this one that count, early_steps - 1 at most
+        # decisions just before this one that count, early_steps - 1 at most; of one step no bits
+        agreed = self.agreed = Signal(range(steps))
         before = self.before = Signal.like(self.best)
         counts = Signal()
         m.d.comb += counts.eq((agreed == steps - 1) & ((self.best == before) | (steps == 1)))
@@ -43,9 +42,8 @@ class EarlyRule(wiring.Component):
         m.d.comb += self.met.eq(enough & counts)
         with m.If(self.taken):
             m.d.sync += before.eq(self.best)
-            if steps > 1:
-                follows = (agreed != 0) & (self.best == before)
-                m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
+            follows = (agreed != 0) & (self.best == before)
+            m.d.sync += agreed.eq(Mux(enough, Mux(follows, Mux(counts, agreed, agreed + 1), 1), 0))
         with m.If(self.ended):
             m.d.sync += agreed.eq(0)
         return m

@@ -6,7 +6,7 @@ from amaranth.hdl import Cat, Const, Value
 def sum_with_product(base: Value, a: Value, b: Value) -> Value:
     """``base + a * b`` of signed values.
 
-    ``b`` is a sum of digits -2..2 times powers of 4 (A. D. Booth, 1951; O. L. MacSorley, 1961), so there are
+    The shorter one is a sum of digits -2..2 times powers of 4 (A. D. Booth, 1951; O. L. MacSorley, 1961), so there are
     half as many addends as bits. A digit 0 leaves the sum unchanged, and small numbers of either sign begin
     with such digits. On a chip this takes less energy than a product whose upper bits toggle with the sign.
     Parts with multipliers have no use for it.
@@ -15,6 +15,7 @@ def sum_with_product(base: Value, a: Value, b: Value) -> Value:
     is negative: inverting the bit makes the weight positive, at the cost of a constant that is subtracted.
     The added ones sit in bits where the next addend is 0.
     """
+    b, a = sorted((b, a), key=len)
     width = len(a) + 1
     padded = Cat(Const(0, 1), b, b[-1])
     total, below, negatives = base, Cat(), 0
@@ -28,5 +29,5 @@ def sum_with_product(base: Value, a: Value, b: Value) -> Value:
         below = Cat(Const(0, place), negative, Const(0, 1))
         negatives -= 1 << place + width - 1
     constant = Const(negatives)
-    # The constant is 0 below the lowest sign bit. The last one mostly lies there, so one addend holds both.
-    return total + (constant | below) if width - 1 > place else total + constant + below
+    # The constant is 0 below the lowest sign bit. The last one lies there, so one addend holds both.
+    return total + (constant | below)

@@ -97,7 +97,7 @@ class MovingSums(wiring.Component):
             moved_valid.eq(added & values["block_end"] & ~values["masked"]),
             moved_last.eq(added & values["block_end"] & values["last"]),
         ]
-        m.d.comb += self.holds.eq(fresh | added | moved_valid | moved_last | decided)
+        m.d.comb += self.holds.eq(added | moved_valid | moved_last | decided)
         drive(m, total_write, addr=values["index"], data=total, en=added)
         drive(m, past_write, addr=Cat(values["index"], slot), data=total, en=added & values["block_end"])
         limit = rule.onset_threshold * rule.onset_mean_frames

@@ -37,7 +37,7 @@ class FrameSender(Block):
 
     def elaborate(self, platform):
         m, taxels, beat = Module(), self.spec.sensor.taxels, self.frame.payload
-        m.submodules.memory = memory = Memory(shape=16, depth=taxels, init=[])
+        m.submodules.memory = memory = Memory(shape=beat.sample.shape(), depth=taxels, init=[])
         write, read = memory.write_port(), memory.read_port()
         count, number = Signal.like(self.o.p.word), Signal.like(self.o.p.word)
         keeping = self.keeping = Signal()

@@ -3,7 +3,7 @@
 from amaranth.hdl import Module, Signal
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import Block, at_end, drive, inputs, load_lines, load_signature, outputs
+from eskin.rtl.common import HOST_BITS, Block, at_end, drive, inputs, load_lines, load_signature, outputs
 from eskin.rtl.program.memory_map import Memory, load_words
 
 
@@ -32,7 +32,7 @@ class MemoryLoader(Block):
         controls = inputs("chosen", "written", "locked")
         if config.readout_rule.taught:
             controls |= inputs("seek", "onward")
-        return inputs(data=16) | outputs("refused", load=load_signature(config)) | controls
+        return inputs(data=HOST_BITS) | outputs("refused", load=load_signature(config)) | controls
 
     def elaborate(self, platform):
         m = Module()

@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Signal, signed
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.images import BIAS_BITS
-from eskin.rtl.common import Block, drive, inputs, working_memory
+from eskin.rtl.common import HOST_BITS, Block, drive, inputs, working_memory
 from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1
@@ -32,7 +32,7 @@ class BiasMemory(Block):
             "addend": Out(signed(ADDEND_BITS)),
             "parity": Out(1),
         }
-        return inputs("load", load_address=16, load_word=16) | reading
+        return inputs("load", load_address=HOST_BITS, load_word=HOST_BITS) | reading
 
     def elaborate(self, platform):
         m = Module()

@@ -3,7 +3,7 @@
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib.wiring import In
 
-from eskin.rtl.common import Block, inputs, outputs
+from eskin.rtl.common import HOST_BITS, Block, inputs, outputs
 from eskin.rtl.engine.memory_check import folded
 from eskin.rtl.image.bias_memory import ADDEND_BITS
 from eskin.rtl.program.image_passes import ImagePlan
@@ -35,7 +35,11 @@ class ImageCheck(Block):
     """
 
     def ports(self, plan: ImagePlan):
-        words = {"word": In(16), "weights": In(plan.lanes * plan.weight_bits), "addend": In(ADDEND_BITS + 1)}
+        words = {
+            "word": In(HOST_BITS),
+            "weights": In(plan.lanes * plan.weight_bits),
+            "addend": In(ADDEND_BITS + 1),
+        }
         return (
             inputs("begins", "arrives", "checks", "multiplies", "dense", "ends", "shifts")
             | outputs("fault")

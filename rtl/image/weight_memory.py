@@ -5,7 +5,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data
 from amaranth.lib.memory import Memory
 
-from eskin.rtl.common import NO_COLLISION, Block, OnePortMemory, drive, inputs, outputs
+from eskin.rtl.common import HOST_BITS, NO_COLLISION, Block, OnePortMemory, drive, inputs, outputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 DENSE_MEMORIES = 2
@@ -33,8 +33,8 @@ class WeightMemory(Block):
             address=plan.address_bits,
             column=plan.columns,
             load_dense=DENSE_MEMORIES,
-            load_address=16,
-            load_word=16,
+            load_address=HOST_BITS,
+            load_word=HOST_BITS,
         ) | outputs(weights=data.ArrayLayout(signed(plan.weight_bits), plan.lanes))
 
     def elaborate(self, platform):
@@ -63,7 +63,7 @@ class WeightMemory(Block):
                 memory,
                 address=Mux(writes, self.load_address, self.address >> part),
                 enable=writes | (self.read & self.dense),
-                write=writes.replicate(2),
+                write=writes.replicate(len(memory.write)),
                 data=self.load_word,
             )
             halves.append(memory.word)

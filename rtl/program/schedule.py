@@ -140,10 +140,8 @@ def lowest_clock_hz(config: AcceleratorConfig) -> float:
     anything is simulated.
 
     A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end
-    closer together than that, as the last two of the thesis do, wait in the two buffers. Latency budgets ask
-    for more: see cosim.
+    closer together than that, as the last two of the thesis do, wait in the two buffers; of windows that follow the
+    touch all are decided before the next touch's first hop is over. Latency budgets ask for more: see cosim.
     """
-    keep_up = step_cycles(config) * config.sensor.scan_rate_hz / config.windows.hop
-    if config.follows_touch:  # all steps before the next touch's first hop is over
-        keep_up *= config.windows.steps * max(1.0, leaving_cycles(config) / step_cycles(config))
-    return max(frame_cycles(config) * config.sensor.scan_rate_hz, keep_up)
+    steps = decision_cycles(config) if config.follows_touch else step_cycles(config)
+    return max(frame_cycles(config), steps / config.windows.hop) * config.sensor.scan_rate_hz

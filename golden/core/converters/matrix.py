@@ -39,7 +39,7 @@ class MatrixPlan(Plan):
         wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
         wires |= {"pins__off": "multiplexers, disable"} if self.port.short else {}
         for name, count in (("row", self.rows), ("column", self.columns)):
-            bits = max(1, (count - 1).bit_length())
+            bits = len(f"{count - 1:b}")
             ports = [f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}" for k in range(bits)]
             wires |= {port: f"multiplexer of {name}s, address {k}" for k, port in enumerate(ports)}
         return wires
@@ -88,7 +88,7 @@ class Matrix(Converter):
 
     def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> MatrixPlan:
         clock, array = clock_hz or config.hardware.clock_hz, config.interface
-        settle = max(1, math.ceil(self.settle_s * clock))
+        settle = math.ceil(self.settle_s * clock)
         port = OneCell(name="ad7476", hz=self.hz).plan(config, clock_hz)
         return MatrixPlan(
             rows=array.rows, columns=array.columns, settle=settle, settle_s=self.settle_s, port=port

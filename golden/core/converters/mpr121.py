@@ -91,10 +91,10 @@ class MprPlan(Plan):
         """Codes of the array's cells (frames, rows x columns) from the codes of its electrodes: a touch lowers
         both electrodes of its cell, so a cell's code is twice the smaller of their two drops from full
         scale."""
-        across, down = self.lines
+        across, _ = self.lines
         direct = self.chips == 2
         columns = between(codes[:, :across], self.columns, direct)
-        rows = between(codes[:, across : across + down], self.rows, direct)
+        rows = between(codes[:, across:], self.rows, direct)
         return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(codes), -1)
 
     def wires(self, chip: str) -> dict[str, str]:

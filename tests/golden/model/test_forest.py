@@ -45,6 +45,7 @@ def test_a_window_that_is_not_there_has_the_features_of_the_last():
         ("tree_input", 3, 16, "array tree_input: names an input outside 0..15"),
         ("subtrahend", 3, 17, "array subtrahend: names no input of the window of tree_input"),
         ("child", (7, 0), 7, "array child: names neither a later node"),
+        ("child", (7, 0), 0, "array child: names neither a later node"),
         ("child", (7, 1), 40, "array child: names neither a later node below 40"),
         ("child", (7, 1), -4, "nor a class, -1 to -3"),
         ("vote", (0, 0), 128, "array vote: holds .* outside -128..127"),
@@ -52,7 +53,7 @@ def test_a_window_that_is_not_there_has_the_features_of_the_last():
 )
 def test_what_is_no_forest_is_refused(name, place, value, words):
     model = random_integer_model(TREES, 2)
-    arrays = {key: array.copy() for key, array in model.arrays.items()}
+    arrays = {**model.arrays, name: model.arrays[name].copy()}
     arrays[name][place] = value
     with refused(words):
         IntegerModel(model.config, arrays)

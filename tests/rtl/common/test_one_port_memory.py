@@ -94,7 +94,7 @@ endmodule
 @each_row("broken", [False, True])
 def test_on_the_vendor_s_cell_and_as_verilog_with_unknown_contents(tmp_path, platform, broken):
     """``broken``: the bytes change places; the bench must see it."""
-    dut = OnePortMemory(WORDS)
+    dut = OnePortMemory(WORDS - broken)
     with tempfile.TemporaryDirectory(dir=BUILD) as folder:
         text = without_contents(rtlil.convert(dut, name="block", platform=platform, emit_src=False))
         (Path(folder) / "block.il").write_text(text)

@@ -22,8 +22,10 @@ def config_of(rows: int, columns: int, **fields) -> AcceleratorConfig:
         sample_rate_hz=100.0,
         band_high=255,
         position=True,
+        position_rest=REST,
+        position_threshold=10,
     )
-    return AcceleratorConfig.of(**(base | dict(position_rest=REST, position_threshold=10) | fields))
+    return AcceleratorConfig.of(**base | fields)
 
 
 def hardware(
@@ -91,6 +93,7 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
     low, high, cells = config.sample_format.min_code, config.sample_format.max_code, config.sensor.taxels
     samples = np.random.default_rng(2).integers(low, high + 1, (15, cells))
     samples[[3, 4, 9, 12]] = low
+    samples[4, :2] = 21, 11  # half a step of the place, where that is rest
     samples[5] = high
     # one cell alone, or none: slides of the whole array's length
     single = np.where(np.eye(cells + 1, cells), high, low)
