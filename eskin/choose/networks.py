@@ -27,8 +27,9 @@ their moves together, so that their networks train together.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -353,6 +354,14 @@ class NetworkSearch(Search):
         unique = dict.fromkeys(candidates)
         return [one for one in unique if one and calm and affordable(one.config, calm, self.prices)]
 
+    def within_price(self, candidates: Iterable[Candidate | None]) -> Request:
+        """A request for those `in_price`."""
+        return self.request(self.in_price(candidates))
+
+    def with_calm(self, front_ends: Iterable[AcceleratorConfig], fits: Iterable[str]) -> Request:
+        """A request for the network of ``calm`` on each front end with each fit."""
+        return self.within_price(self.like_calm(on, fit) for on in front_ends for fit in fits)
+
     def mark(self) -> None:
         """Mark ``calm``, and drop the figures under disturbance of candidates out of reach but ``dearest``."""
         calm = self.calm
@@ -459,6 +468,21 @@ def other_seeds(search: NetworkSearch) -> Request:
     return Request(near if search.effort.seeds > 1 else (), search.effort.share, other_seeds=True)
 
 
+def hardened(
+    move: Callable[[NetworkSearch, ScoredCandidate, Hardening], Request],
+) -> Callable[[NetworkSearch], Request]:
+    """A move that is made only if networks are judged under disturbance: ``move`` of a search, its choice by undisturbed
+    recordings, and sturdier front ends."""
+
+    @wraps(move)
+    def request(search: NetworkSearch) -> Request:
+        if search.calm is None or search.hardening is None:
+            return Request()
+        return move(search, search.calm, search.hardening)
+
+    return request
+
+
 def sturdier_networks(search: NetworkSearch) -> Request:
     """The network of the choice by undisturbed recordings, on sturdier front ends and fitted to disturbances."""
     search.calm = choose(search.comparable, search.prices)
@@ -473,77 +497,68 @@ def sturdier_networks(search: NetworkSearch) -> Request:
     ends = ends[: effort.ends if calm.is_linear else 1]
     ends += [one for on in ends for one in hardening.sturdier(on)]
     fits = dict.fromkeys((fit_of(calm), *(effort.sturdy if calm.is_linear else effort.robust)))
-    return search.request(search.in_price(search.like_calm(on, fit) for on in ends for fit in fits))
+    return search.with_calm(ends, fits)
 
 
-def means_alone(search: NetworkSearch) -> Request:
+@hardened
+def means_alone(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """The best recurrent cell so far with means alone, under the tightest clips: a spike moves other features more."""
-    calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None or not calm.config.recurrent:
+    if not plain.config.recurrent:
         return Request()
     on = ahead_of(search)[0].candidate.front_end
     tight = [on, *hardening.sturdier(on)][-1 if search.effort.brief else -2 :]
     means = [valid(each, feature_kinds=("mean",), activity_block=1) for each in tight]
-    return search.request(
-        search.in_price(search.like_calm(each, fit) for each in means if each for fit in search.effort.robust)
-    )
+    return search.with_calm(filter(None, means), search.effort.robust)
 
 
-def more_windows(search: NetworkSearch) -> Request:
+@hardened
+def more_windows(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """The best linear cells so far with more windows, which regain some of the accuracy that a sturdier fit loses."""
-    calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None or not calm.is_linear:
+    if not plain.is_linear:
         return Request()
     ahead = ahead_of(search)[0].candidate.front_end
     spread = search.in_price(search.like_calm(on) for on in hardening.spread(ahead))
     ons = [candidate.front_end for candidate in spread][:: 2 if search.effort.brief else 1]
-    return search.request(
-        search.in_price(search.like_calm(on, fit) for on in ons for fit in search.effort.sturdy)
-    )
+    return search.with_calm(ons, search.effort.sturdy)
 
 
-def more_scans(search: NetworkSearch) -> Request:
+@hardened
+def more_scans(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """The best linear cells so far with up to four times the scans: means of more frames have less noise."""
-    calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None or not calm.is_linear:
+    if not plain.is_linear:
         return Request()
     ahead = [*dict.fromkeys(scored.candidate.front_end for scored in ahead_of(search))]
     denser = list[AcceleratorConfig]()
     for on in ahead[: 1 if search.effort.brief else RESCANNED]:
         twice = hardening.denser(on)
         denser += [four_times for config in twice for four_times in hardening.denser(config)] or twice
-    return search.request(
-        search.in_price(search.like_calm(on, fit) for on in denser for fit in search.effort.sturdy)
-    )
+    return search.with_calm(denser, search.effort.sturdy)
 
 
-def windows_of_the_touch(search: NetworkSearch) -> Request:
+@hardened
+def windows_of_the_touch(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """Sturdy linear cells on windows that divide the touch, on the best gates so far and on the choice's own."""
-    calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None:
-        return Request()
     gates: dict[Any, AcceleratorConfig] = {}
-    for scored in [*ahead_of(search), calm]:
+    for scored in [*ahead_of(search), plain]:
         on = scored.candidate.front_end
         gates.setdefault((on.rest_level, on.onset_rule, on.sensor.scan_every), on)
     ends = [*gates.values()][: 2 if search.effort.brief else DIVIDED]
-    return search.request(
-        search.in_price(
-            search.options.possible(divided, "linear", None, fit)
-            for on in ends
-            for divided in hardening.dividing(on)
-            for fit in search.effort.sturdy
-        )
+    return search.within_price(
+        search.options.possible(divided, "linear", None, fit)
+        for on in ends
+        for divided in hardening.dividing(on)
+        for fit in search.effort.sturdy
     )
 
 
-def robust_trees(search: NetworkSearch) -> Request:
+@hardened
+def robust_trees(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """The best trees fitted to disturbances, on their front end and on sturdier ones, if they are level without any."""
-    hardening, effort = search.hardening, search.effort
+    effort = search.effort
     forests = [
         scored for scored in search.tried if scored.config.is_forest and not scored.candidate.recipe.robust
     ]
-    if search.calm is None or hardening is None or search.calm.config.is_forest or not forests:
+    if plain.config.is_forest or not forests:
         return Request()
     best = best_of(forests)
     if not is_level(best_of(search.tried).correct, best.correct):
@@ -551,20 +566,18 @@ def robust_trees(search: NetworkSearch) -> Request:
     on, size = best.candidate.front_end, best.config.forest
     ons = [on, *hardening.sturdier(on)[-1:]]
     fitted = (search.options.forest(at, size.trees, size.depth, fit) for at in ons for fit in effort.robust)
-    return search.request(search.in_price(fitted))
+    return search.within_price(fitted)
 
 
-def robust_recurrent(search: NetworkSearch) -> Request:
+@hardened
+def robust_recurrent(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """GRUs trained with failing taxels, on the sturdiest front ends."""
-    calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None:
-        return Request()
     gates: dict[Any, AcceleratorConfig] = {}
     for scored in sorted(search.tried, key=lambda scored: -scored.accuracy):
         on = scored.candidate.front_end
         if not on.opens_at_once:
             gates.setdefault((on.rest_level, on.onset_rule), on)
-    threshold = calm.candidate.front_end.onset_rule.onset_threshold
+    threshold = plain.candidate.front_end.onset_rule.onset_threshold
     sturdiest = sorted(gates.values(), key=lambda gate: hardening.false_onsets(gate, threshold))[:GATES_AHEAD]
     ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]
     few = [on for gate in ons for on in hardening.spread(gate) if on.windows.steps == SPREAD[0]]
@@ -587,35 +600,34 @@ def ahead_of(search: NetworkSearch) -> list[ScoredCandidate]:
     )
 
 
-def fault_detectors(search: NetworkSearch) -> Request:
+@hardened
+def fault_detectors(search: NetworkSearch, _: ScoredCandidate, hardening: Hardening) -> Request:
     """The best candidates so far with a fault detector. Their networks stay, so nothing is fitted."""
-    if search.calm is None or search.hardening is None:
-        return Request()
     for scored in ahead_of(search)[:GUARDED]:
-        on = search.hardening.guarded(scored.candidate.front_end)
+        on = hardening.guarded(scored.candidate.front_end)
         guarded = on and scored.guarded(on, search.rows)
         if guarded and search.in_price([guarded.candidate]):
             search.tried.append(guarded)
     return Request()
 
 
-def seeds_under_stress(search: NetworkSearch) -> Request:
+@hardened
+def seeds_under_stress(search: NetworkSearch, plain: ScoredCandidate, _: Hardening) -> Request:
     """Further seeds of the candidates that are level under disturbance."""
-    calm = search.calm
-    if calm is None or search.hardening is None or search.effort.seeds < 2:
+    if search.effort.seeds < 2:
         return Request()
-    ranked = sorted(in_reach(search.tried, calm, search.prices), key=lambda one: -one.score)
-    fewer = [one for one in ranked if len(one.seeds) < len(calm.seeds)]
+    ranked = sorted(in_reach(search.tried, plain, search.prices), key=lambda one: -one.score)
+    fewer = [one for one in ranked if len(one.seeds) < len(plain.seeds)]
     level = [one.candidate for one in fewer if is_level(ranked[0].scores, one.scores)]
     return Request(level[:AGAIN], search.effort.share, other_seeds=True)
 
 
-def all_recordings(search: NetworkSearch) -> Request:
+@hardened
+def all_recordings(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """The candidates that tie for the best, disturbed on all recordings: with few of them a bound is held or not by chance."""
-    calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None or search.effort.brief:
+    if search.effort.brief:
         return Request()
-    ranked = sorted(in_reach(search.comparable, calm, search.prices), key=lambda scored: -scored.score)
+    ranked = sorted(in_reach(search.comparable, plain, search.prices), key=lambda scored: -scored.score)
     level = [scored for scored in ranked if is_level(ranked[0].scores, scored.scores)]
     fewest = sorted(level, key=lambda scored: scored.beyond)
     for scored in {id(scored): scored for scored in [*level[:FINALISTS], *fewest[:FINALISTS]]}.values():

@@ -22,7 +22,7 @@ from eskin.choose.choice import configure, train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
-from eskin.choose.networks import INSIDE, STURDY, Effort, all_recordings, more_scans
+from eskin.choose.networks import INSIDE, STURDY, Effort, all_recordings, means_alone, more_scans
 from eskin.choose.sturdy import BLOCKS, SELDOM, STILL, Hardening
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.groups import Faults
@@ -269,22 +269,42 @@ def test_candidates_that_tie_for_the_best_are_disturbed_on_all_recordings():
     assert panel.whole.whole is panel.whole is not panel
 
 
-def test_a_linear_cell_is_tried_with_four_times_the_scans(monkeypatch):
+def moved(move: Any, monkeypatch, on: AcceleratorConfig, **plain: Any) -> Any:
+    """The front ends and fits that a move requests where a candidate on this front end is the best so far."""
     recordings = stability_case.recordings()
     panel = Panel(recordings, {"one dead taxel, worst": 1.0}, count=8)
+    best = replace(judged(4, 1000, 900), candidate=Candidate(on, on, RECIPES["robust"]))
+    monkeypatch.setattr("eskin.choose.networks.ahead_of", lambda _: [best])
+    search = moving(
+        best, panel, calm=SimpleNamespace(**plain), hardening=Hardening(panel, Screen(recordings))
+    )
+    search.with_calm = lambda front_ends, fits: [(config, fit) for config in front_ends for fit in fits]
+    return move(search)
+
+
+def test_a_linear_cell_is_tried_with_four_times_the_scans(monkeypatch):
     at = dict(scan_every=4, window_mode="free", pretrigger_frames=0, fault_frames=0, fault_activity=0)
     on = stability_case.CONFIG.replace(**at, rest="initial", rest_frames=1)
-    scored = judged(4, 1000, 900)
-    monkeypatch.setattr(
-        "eskin.choose.networks.ahead_of", lambda _: [replace(scored, candidate=Candidate(on, on, None))]
-    )
-    request = dict(like_calm=lambda config, fit: (config, fit), in_price=list, request=list)
-    calm = SimpleNamespace(is_linear=True)
-    search = moving(scored, panel, calm=calm, hardening=Hardening(panel, Screen(recordings)), **request)
-    found = more_scans(search)
+    found = moved(more_scans, monkeypatch, on, is_linear=True)
     assert [fit for _, fit in found] == list(STURDY)
     assert {(config.sensor.scan_every, config.rest_level.rest_frames) for config, _ in found} == {(1, 1)}
     assert {config.windows.window for config, _ in found} == {8 * on.windows.hop}
+
+
+def test_a_recurrent_cell_is_tried_with_means_alone_under_the_tightest_clips(monkeypatch):
+    at = dict(onset="immediate", fault_frames=0, fault_activity=0, window_mode="free", pretrigger_frames=0)
+    on = stability_case.CONFIG.replace(
+        **at, rest="initial", feature_kinds=("mean", "activity"), activity_block=24
+    )
+    found = [
+        config for config, _ in moved(means_alone, monkeypatch, on, config=SimpleNamespace(recurrent=True))
+    ]
+    assert {(config.features.feature_kinds, config.rest_level.rest_frames) for config in found} == {
+        (("mean",), 1)
+    }
+    first, second = (config.rest_level.clip for config in found)
+    assert on.rest_level.clip > first > second > 0
+    assert not moved(means_alone, monkeypatch, on, config=SimpleNamespace(recurrent=False)).candidates
 
 
 def test_a_fault_detector_masks_dead_taxels_and_no_sound_one():
