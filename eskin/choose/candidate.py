@@ -109,12 +109,11 @@ class ScoredCandidate:
     def guarded(self, front_end: AcceleratorConfig, rows: np.ndarray) -> ScoredCandidate:
         """The same networks on ``front_end``, which is theirs with a fault detector. It raises no flag on recordings
         without a disturbance, so that decisions on these stay."""
-        assert self.decisions is not None
         config = self.candidate.config.replace(**dataclasses.asdict(front_end.faults))
         candidate = dataclasses.replace(self.candidate, front_end=front_end, config=config)
-        return ScoredCandidate.of(candidate, self.decisions, rows, self.stress)
+        return dataclasses.replace(self, candidate=candidate).under(self.stress, rows)
 
-    def under(self, stress: Panel, rows: np.ndarray) -> ScoredCandidate:
+    def under(self, stress: Panel | None, rows: np.ndarray) -> ScoredCandidate:
         """The same networks under another panel."""
         assert self.decisions is not None
         return ScoredCandidate.of(self.candidate, self.decisions, rows, stress)

@@ -45,7 +45,7 @@ from eskin.choose.candidate import (
     in_reach,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.front_ends import Listed, valid
+from eskin.choose.front_ends import Listed
 from eskin.choose.search import Move, Request, Search, search
 from eskin.choose.sturdy import SPREAD, Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -502,13 +502,11 @@ def sturdier_networks(search: NetworkSearch) -> Request:
 
 @hardened
 def means_alone(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
-    """The best recurrent cell so far with means alone, under the tightest clips: a spike moves other features more."""
+    """The best recurrent cell so far with means alone, on its sturdiest front ends: a spike moves other features more."""
     if not plain.config.recurrent:
         return Request()
-    on = ahead_of(search)[0].candidate.front_end
-    tight = [on, *hardening.sturdier(on)][-1 if search.effort.brief else -2 :]
-    means = [valid(each, feature_kinds=("mean",), activity_block=1) for each in tight]
-    return search.with_calm(filter(None, means), search.effort.robust)
+    means = hardening.means(ahead_of(search)[0].candidate.front_end)
+    return search.with_calm(means[-1 if search.effort.brief else 0 :], search.effort.robust)
 
 
 @hardened
@@ -554,7 +552,6 @@ def windows_of_the_touch(search: NetworkSearch, plain: ScoredCandidate, hardenin
 @hardened
 def robust_trees(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """The best trees fitted to disturbances, on their front end and on sturdier ones, if they are level without any."""
-    effort = search.effort
     forests = [
         scored for scored in search.tried if scored.config.is_forest and not scored.candidate.recipe.robust
     ]
@@ -565,7 +562,9 @@ def robust_trees(search: NetworkSearch, plain: ScoredCandidate, hardening: Harde
         return Request()
     on, size = best.candidate.front_end, best.config.forest
     ons = [on, *hardening.sturdier(on)[-1:]]
-    fitted = (search.options.forest(at, size.trees, size.depth, fit) for at in ons for fit in effort.robust)
+    fitted = (
+        search.options.forest(at, size.trees, size.depth, fit) for at in ons for fit in search.effort.robust
+    )
     return search.within_price(fitted)
 
 

@@ -106,8 +106,9 @@ class Hardening:
 
     def false_onsets(self, gate: AcceleratorConfig, threshold: int) -> float:
         """As `Panel.false_onsets`; frames before a single onset at ``threshold`` codes are quiet."""
-        loosest = valid(gate, onset_hits=1, onset_span=1, onset_threshold=threshold)
-        return self.stress.false_onsets(gate, loosest)
+        return self.stress.false_onsets(
+            gate, valid(gate, onset_hits=1, onset_span=1, onset_threshold=threshold)
+        )
 
     def _gates(self, level: AcceleratorConfig, clip: int, fewest: float) -> Iterator[AcceleratorConfig]:
         """``level`` with this clip and gates that disturbances open less and less, if they find enough touches."""
@@ -119,7 +120,7 @@ class Hardening:
             one = valid(level, clip=clip and max(clip, 2 * threshold), **gate)
             if one is None or len(self.screen.touches(one)) < fewest:
                 continue  # its windows tell nothing
-            if (opened := self.stress.false_onsets(one, level)) < least:
+            if (opened := self.false_onsets(one, rule.onset_threshold)) < least:
                 if best and least <= SELDOM:
                     yield best
                 best, least = one, opened
@@ -127,6 +128,14 @@ class Hardening:
                 break
         if best:
             yield best
+
+    def means(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
+        """The two sturdiest of ``config`` and `sturdier`, with means alone, which a spike moves least; the sturdiest last."""
+        if self.screen is None:
+            return []
+        sturdy = [config, *self.sturdier(config)][-2:]
+        means = (valid(on, feature_kinds=("mean",), activity_block=1) for on in sturdy)
+        return [on for on in means if on]
 
     def denser(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with twice the scans and means alone, which use more samples before an onset and cost

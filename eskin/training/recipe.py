@@ -84,29 +84,14 @@ AS_RECORDED: Record = {
 }
 """Changes that make a recipe train on the touches as they were recorded."""
 
+_ONSET = Recipe(
+    name="onset", learning_rate=0.03, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, weight_limit=WEIGHT_LIMIT
+)
 RECIPES = {
-    "onset": Recipe(
-        name="onset",
-        learning_rate=0.03,
-        noise=0.3,
-        warp=1.5,
-        gain=1.2,
-        speed_gain=0.5,
-        weight_limit=WEIGHT_LIMIT,
-    ),
+    "onset": _ONSET,
     "contact": Recipe(name="contact", learning_rate=0.03, noise=0.2, updates=800, weight_limit=WEIGHT_LIMIT),
-    "robust": Recipe(
-        name="robust",
-        learning_rate=0.03,
-        noise=0.3,
-        warp=1.5,
-        gain=1.2,
-        speed_gain=0.5,
-        weight_limit=WEIGHT_LIMIT,
-        updates=800,
-        channel_dropout=0.1,
-        taxel_failure=0.05,
-        offset=1.0,
+    "robust": dataclasses.replace(
+        _ONSET, name="robust", updates=800, channel_dropout=0.1, taxel_failure=0.05, offset=1.0
     ),
     "linear": Recipe(
         name="linear", loss="last", updates=60, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, penalty=1.0

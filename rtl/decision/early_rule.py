@@ -33,7 +33,7 @@ class EarlyRule(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         steps = self._config.network.early_steps
-        # decisions just before this one that count, early_steps - 1 at most; of one step no bits
+        # decisions just before this one that count, early_steps - 1 at most; no bits if a decision counts at once
         agreed = self.agreed = Signal(range(steps))
         before = self.before = Signal.like(self.best)
         counts = Signal()

@@ -197,9 +197,10 @@ class Panel:
             The gate that finds touches first; frames before its onsets are quiet for all gates compared. None:
             ``config``.
         """
-        loosest = config if loosest is None else loosest
-        rules = [(each.rest_level, each.onset_rule, each.sensor.scan_every) for each in (config, loosest)]
-        if (key := tuple(rules)) not in self._gates:
+        loosest = loosest or config
+        gates = config, loosest
+        key = tuple((on.rest_level, on.onset_rule, on.sensor.scan_every) for on in gates)
+        if key not in self._gates:
             opened = self.brief._opened(config, loosest, self._turns)
             if not opened and len(self.rows) > len(self.brief.rows):
                 opened = self._opened(config, loosest, self._turns)

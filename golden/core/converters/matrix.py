@@ -39,7 +39,7 @@ class MatrixPlan(Plan):
         wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
         wires |= {"pins__off": "multiplexers, disable"} if self.port.short else {}
         for name, count in (("row", self.rows), ("column", self.columns)):
-            bits = len(f"{count - 1:b}")
+            bits = len(f"{count - 1:b}")  # binary digits, one at least
             ports = [f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}" for k in range(bits)]
             wires |= {port: f"multiplexer of {name}s, address {k}" for k, port in enumerate(ports)}
         return wires
