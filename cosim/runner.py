@@ -287,7 +287,7 @@ def _verilated(
     words = [*"-cc --exe -Mdir . --prefix Vtop --top-module".split(), top, "-o", output, *options]
     step([str(verilator), *words, *(_linked(path, folder) for path in sources)], folder, environment)
     prepare(folder)
-    kind = "-fPIC" in options, "VM_TRACE=1" in compiling
+    kind = "-fPIC" in options, *compiling  # g++ 12 crashes on a header compiled with another -O
     with _shared_runtime(folder, verilator, kind) as words:
         command = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *compiling, *words]
         step(command, folder, environment)

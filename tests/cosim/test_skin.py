@@ -29,22 +29,18 @@ from eskin.verbs.cosim import BUILD
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
 from tests.support.skin import Played, expected_electrodes, play
+from tests.support.small_designs import SMALL
 from tests.support.stimulator import PLACES, table_frames
 from tests.support.touch_cuts import beginnings
 
-CONFIG = AcceleratorConfig.of(
+CONFIG = SMALL.replace(
     taxels=8,
-    hidden=4,
     sample_bits=12,
     band_low=1900,
     band_high=2200,
     hop=25,
     window=51,
     touch_frames=220,
-    steps=8,
-    pretrigger_frames=10,
-    rearm_frames=20,
-    decision="vote",
     lanes=1,
     lane_type="dsp",
     loadable=False,

@@ -54,9 +54,7 @@ def test_bit_exact_after_resets(tmp_path, count):
 VARIANTS = {
     "gru after": dict(reset="after", lanes=1),
     "lstm, dsp": dict(cell="lstm", lane_type="dsp", lanes=3),
-    "one lane": dict(lanes=1),
     "one lane, rom": dict(lanes=1, loadable=False),
-    "one dsp lane": dict(lanes=1, lane_type="dsp"),
     "lstm, rom": dict(cell="lstm", loadable=False),
     "linear, rom": dict(cell="linear", loadable=False),
     "checked, rom": dict(checksum=True, loadable=False),
@@ -67,8 +65,6 @@ VARIANTS = {
         rest="tracked",
         rest_frames=5,
         onset="baseline",
-        onset_mean_frames=4,
-        onset_check_frames=2,
         onset_threshold=300,
     ),
     "immediate": dict(

@@ -17,21 +17,16 @@ from eskin.training import fit as fitting
 from eskin.training import recipe as recipes
 from eskin.training.formats import with_network
 from eskin.training.quantise import profile, quantise_model
+from tests.support.touch_scenes import SMALL
 
-CONFIG = AcceleratorConfig.of(
+CONFIG = SMALL.replace(
     name="tiny",
     taxels=6,
-    sample_rate_hz=1000.0,
-    rest="tracked",
     rest_frames=32,
     clip=112,
-    onset="baseline",
-    onset_mean_frames=16,
     onset_check_frames=8,
     onset_threshold=8,
     rearm_frames=40,
-    window_mode="free",
-    pretrigger_frames=0,
     hop=24,
     window=48,
     steps=10,

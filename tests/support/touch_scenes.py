@@ -5,23 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
+from tests.support.small_designs import TRACKED
 
-SMALL = AcceleratorConfig.of(
+SMALL = TRACKED.replace(
     name="small",
-    taxels=4,
     sample_rate_hz=1000.0,
-    rest="tracked",
     rest_frames=16,
     clip=200,
-    onset="baseline",
     onset_mean_frames=16,
-    onset_check_frames=4,
     onset_threshold=10,
     rearm_frames=24,
-    window_mode="free",
-    pretrigger_frames=0,
     hop=10,
     window=20,
     steps=6,

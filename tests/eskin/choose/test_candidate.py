@@ -5,27 +5,15 @@ import pytest
 
 from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.cost import Cost
-from eskin.golden.core import AcceleratorConfig
 from eskin.training.formats import with_network
 from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced
+from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
 
-CONFIG = AcceleratorConfig.of(
-    name="derived",
-    taxels=12,
-    sample_rate_hz=200.0,
-    sample_bits=8,
-    window_mode="free",
-    pretrigger_frames=0,
-    hop=16,
-    window=32,
-    steps=6,
-    rest="none",
-    rest_frames=0,
-    onset="immediate",
-    class_names=("object0", "object1", "object2"),
+CONFIG = TRACKED.replace(
+    rest="none", rest_frames=0, onset="immediate", class_names=("object0", "object1", "object2")
 )
 
 

@@ -4,7 +4,6 @@ import numpy as np
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.linear_model import Ridge
 
-from eskin.golden.core import AcceleratorConfig
 from eskin.training import linear_fit
 from eskin.training.linear_fit import (
     QUIETEST,
@@ -14,19 +13,10 @@ from eskin.training.linear_fit import (
     fit_least_squares,
     fit_linear,
 )
+from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
 
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hop=4,
-    window=8,
-    steps=6,
-    window_mode="free",
-    pretrigger_frames=0,
-    cell="linear",
-    class_names=("press", "stroke"),
-    decision="last",
-)
+CONFIG = TRACKED.replace(onset="band", hop=4, window=8, steps=6, cell="linear", decision="last")
 
 
 def logits(arrays, features):

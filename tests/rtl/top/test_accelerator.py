@@ -228,10 +228,11 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
 
 
 FAULTS = {"fault_frames": 16, "fault_activity": 10}
+ENDS = {"steps": 5, "hop": 8, "window": 17, "touch_frames": 40}
 KNEES = {"integral_knee": 4, "integral_frac": 6}
 CONFIGS = {
     "thesis": small(),
-    "two windows end together": small(steps=5, hop=8, window=17, touch_frames=40),
+    "two windows end together": small(**ENDS),
     "tracked, free": tracked(
         masked_taxels=(3,), feature_kinds=FEATURE_KINDS, activity_rule="change", activity_block=5, **KNEES
     ),
@@ -251,9 +252,7 @@ CONFIGS = {
     "thesis, defended": small(
         **FAULTS, onset_hits=2, onset_span=3, margin_threshold=2, feature_kinds=("mean", "activity")
     ),
-    "two windows end together, defended": small(
-        **FAULTS, steps=5, hop=8, window=17, touch_frames=40, onset_hits=3, onset_span=3
-    ),
+    "two windows end together, defended": small(**FAULTS, **ENDS, onset_hits=3, onset_span=3),
 }
 
 
