@@ -148,16 +148,12 @@ class Scene:
         own = means[np.arange(plain.windows.steps) < touches.completed[:, None]].std(axis=0)
         return per_kind(own, scaling(plain, means, touches.completed)[1])
 
-    @property
-    def begins(self) -> int:
-        """Frames at the start of a recording that are taken as quiet, whatever the onset: 32 of the source."""
-        return max(32 // self.config.sensor.scan_every, 4)
-
     @cached_property
     def rest_noise(self) -> np.ndarray:
         """(taxels) standard deviation of a taxel at rest, codes, from frame to frame: the median over taxels and
-        recordings, and of columns of different kinds (`per_kind`) over recordings."""
-        ends = np.maximum(self.onsets - 1, self.begins)
+        recordings, and of columns of different kinds (`per_kind`) over recordings. A recording's first 32 frames of
+        the source count, whatever the onset."""
+        ends = np.maximum(self.onsets - 1, max(32 // self.config.sensor.scan_every, 4))
         quiet = [self.clean.recording(i)[:end] for i, end in enumerate(ends)]
         # the difference of two frames has twice the variance of one; slow drift does not count
         spreads = [np.diff(part.astype(np.float64), axis=0).std(axis=0) for part in quiet if len(part) > 2]

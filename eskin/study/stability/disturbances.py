@@ -39,11 +39,9 @@ def stuck_from_start(stream: np.ndarray, at: At) -> np.ndarray:
 
 
 def noisy(stream: np.ndarray, at: At) -> np.ndarray:
-    """White noise of ``level`` times the taxels' own rest noise."""
-    lead = at.onset - at.scene.config.onset_rule.onset_mean_frames
-    quiet = stream[: max(lead, at.scene.begins), at.taxels]
+    """White noise of ``level`` times the taxels' noise at rest."""
     noise = at.rng.standard_normal((len(stream), len(at.taxels))).astype(np.float32)
-    stream[:, at.taxels] += at.level * quiet.std(axis=0) * noise
+    stream[:, at.taxels] += at.level * at.scene.rest_noise[list(at.taxels)] * noise
     return stream
 
 
