@@ -304,7 +304,7 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
 
     Raises
     ------
-    SystemExit
+    ChildProcessError
         A test fails without a mutant: nothing would be known.
     """
     (root, folder, limit), (mutant, tests) = shared, work
@@ -335,7 +335,7 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
     (copy / mutant.file).write_text(mutant.text)
     end = log.read_text(errors="replace")[-6000:]
     if status and not mutant.kind:
-        sys.exit(f"a test fails without a mutant:\n{end}")
+        raise ChildProcessError(f"a test fails without a mutant:\n{end}")
     return {
         "outcome": "timeout"
         if status in (-signal.SIGXCPU, -signal.SIGKILL)
@@ -374,7 +374,7 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
                 keep=Memo(out / "verdicts"),
                 what="tests as they are, then mutants",
             )
-    except SystemExit:
+    except ChildProcessError:
         shutil.rmtree(out / "verdicts")
         raise
     finally:

@@ -13,7 +13,17 @@ from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
 
 CONFIG = TRACKED.replace(
-    rest="none", rest_frames=0, onset="immediate", class_names=("object0", "object1", "object2")
+    name="derived",
+    taxels=12,
+    sample_rate_hz=200.0,
+    sample_bits=8,
+    hop=16,
+    window=32,
+    steps=6,
+    rest="none",
+    rest_frames=0,
+    onset="immediate",
+    class_names=("object0", "object1", "object2"),
 )
 
 

@@ -34,7 +34,6 @@ STAGES = ("sum", "fault", "feature", "state", "logit")
 def small(**changes) -> AcceleratorConfig:
     """5 taxels, thesis rules, short touches."""
     sizes = {
-        "name": "small",
         "taxels": 5,
         "hidden": 5,
         "steps": 4,
@@ -50,13 +49,12 @@ def small(**changes) -> AcceleratorConfig:
         "decision": "vote",
         "clock_hz": 12e6,
     }
-    return PRESETS["thesis"].replace(**{**sizes, **changes})
+    return PRESETS["thesis"].replace(**sizes | changes)
 
 
 def tracked(**changes) -> AcceleratorConfig:
     """5 taxels, tracked baseline, free-running hops."""
     sizes = {
-        "name": "tracked",
         "taxels": 5,
         "hidden": 5,
         "steps": 4,
@@ -72,7 +70,7 @@ def tracked(**changes) -> AcceleratorConfig:
         "lanes": 3,
         "class_names": ("a", "b", "c"),
     }
-    return PRESETS["pvdf"].replace(**{**sizes, **changes})
+    return PRESETS["pvdf"].replace(**sizes | changes)
 
 
 def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Recordings:
@@ -228,7 +226,7 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
 
 
 FAULTS = {"fault_frames": 16, "fault_activity": 10}
-ENDS = {"steps": 5, "hop": 8, "window": 17, "touch_frames": 40}
+ENDS = {"steps": 5, "hop": 8, "window": 17}
 KNEES = {"integral_knee": 4, "integral_frac": 6}
 CONFIGS = {
     "thesis": small(),
