@@ -141,8 +141,8 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
             "quantisation: the recordings hold no completed step to profile ranges on; use recordings with "
             "touches"
         )
+    complete = touches.complete(config.windows.steps)
     features = float_features(model, touches)[:, : config.windows.steps]
-    complete = np.arange(features.shape[1]) < touches.completed[:, None]
     features[~complete] = 0.0
     profiler.note("feature", features)
     covered = float(np.quantile(np.abs(features[complete]), FEATURE_COVERAGE))

@@ -70,7 +70,7 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
         As ``find_touches`` gives them.
     """
     config, formats, steps = integer.config, integer.config.formats, integer.config.windows.steps
-    complete = np.arange(steps) < touches.completed[:, None]
+    complete = touches.complete(steps)
     if not complete.any():
         return []
     of_weights = network_formats(config)

@@ -89,8 +89,9 @@ class Trace(Decisions):
     def offered(self) -> np.ndarray:
         """(n, K + 1), bool: True for each decision that a touch has; the local ones and then the global
         one."""
-        completed = self.touches.completed[:, None]
-        return np.concatenate([np.arange(self.local.shape[1]) < completed, completed > 0], axis=1)
+        return np.concatenate(
+            [self.touches.complete(self.local.shape[1]), self.touches.completed[:, None] > 0], axis=1
+        )
 
     def decision_order(self) -> np.ndarray:
         """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one
@@ -312,11 +313,10 @@ def run(
 def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
     """The completed steps of (n, K, width) values, flat, with offsets by recording."""
     steps, width = values.shape[1:]
-    complete = np.arange(steps) < touches.completed[:, None]
     counts = np.bincount(
         touches.recording, weights=touches.completed * width, minlength=touches.recordings
     ).astype(np.int64)
-    return values[complete].reshape(-1).astype(np.int64), np.cumsum([0, *counts])
+    return values[touches.complete(steps)].reshape(-1).astype(np.int64), np.cumsum([0, *counts])
 
 
 def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:

@@ -73,19 +73,18 @@ class Touches:
 
         ``recordings``, ``flagged`` and ``armed`` are about recordings and stay.
         """
-        return dataclasses.replace(
-            self,
-            recording=self.recording[rows],
-            onset_frame=self.onset_frame[rows],
-            start_frame=self.start_frame[rows],
-            completed=self.completed[rows] if steps is None else np.minimum(self.completed[rows], steps),
-            partial=self.partial[rows],
-            sums=self.sums[rows][:, :steps],
-            faults=None if self.faults is None else self.faults[rows][:, :steps],
-            ended=None if self.ended is None else self.ended[rows],
-            cut=None if self.cut is None else self.cut[rows],
-            lengths=None if self.lengths is None else self.lengths[rows][:, :steps],
-        )
+        names = "recording onset_frame start_frame completed partial sums faults ended cut lengths".split()
+        values = {name: getattr(self, name)[rows] for name in names if getattr(self, name) is not None}
+        if steps is not None:
+            values["completed"] = np.minimum(values["completed"], steps)
+            values |= {
+                name: values[name][:, :steps] for name in ("sums", "faults", "lengths") if name in values
+            }
+        return dataclasses.replace(self, **values)
+
+    def complete(self, steps: int) -> np.ndarray:
+        """(n, ``steps``), bool: the steps that were completed."""
+        return np.arange(steps) < self.completed[:, None]
 
     def ends(self, config: AcceleratorConfig) -> np.ndarray:
         """(n, K) frame, 1-based, with which each window is there; beyond the recording's last where it is not."""

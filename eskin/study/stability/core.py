@@ -145,7 +145,7 @@ class Scene:
         plain = sums_alone(self.config)
         touches = preprocess.find_touches(plain, self.clean)
         means = preprocess.real_features(plain, touches.sums, touches.lengths)
-        own = means[np.arange(plain.windows.steps) < touches.completed[:, None]].std(axis=0)
+        own = means[touches.complete(plain.windows.steps)].std(axis=0)
         return per_kind(own, scaling(plain, means, touches.completed)[1])
 
     @cached_property
