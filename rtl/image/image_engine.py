@@ -199,14 +199,12 @@ class ImageEngine(wiring.Component):
         # ---------------------------------------------------------------- status
         number = Signal(range(plan.stages[-1].outputs))
         last_logit = Signal()
-        cycles = Signal(32)  # since the start
+        cycles = Signal.like(self.step.value)  # since the start
         working = self.busy | self.waiting
         m.d.comb += last_logit.eq(self.logit.valid & (number == plan.stages[-1].outputs - 1))
         m.d.sync += cycles.eq(Mux(self.start, 1, cycles + 1))
         with m.If(self.logit.valid):
-            m.d.sync += number.eq(number + 1)
-        with m.If(last_logit):
-            m.d.sync += number.eq(0)
+            m.d.sync += number.eq(Mux(last_logit, 0, number + 1))
         drive(
             m, self.status, working=working, windows_open=working, slot_done=self.busy, step_done=last_logit
         )
