@@ -41,7 +41,7 @@ def play(
     registers, boot = loading(Path(settings["design"]))
     verilog = "".join(path.read_text() for path in hardware.sources)
     progress("compiling the design", 0, 0)
-    design = Design(verilog, run.how.builds, quick=hardware.level == "netlist")
+    design = Design(verilog, run.how.builds)
     progress("played in bulk", 0, len(recordings))
 
     def played(place: int) -> tuple[Accelerator, int, int, dict[str, int], dict[str, int]]:

@@ -52,8 +52,6 @@ class Design:
     ----------
     verilog:
         Holds the module ``top``.
-    quick:
-        Compile it quickly: a netlist.
 
     Raises
     ------
@@ -61,8 +59,8 @@ class Design:
         A tool is missing; the build fails.
     """
 
-    def __init__(self, verilog: str, builds: Path, *, top: str = "accelerator", quick: bool = False) -> None:
-        self._functions = ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, quick)))
+    def __init__(self, verilog: str, builds: Path, *, top: str = "accelerator") -> None:
+        self._functions = ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds)))
 
     def __getattr__(self, name: str) -> Any:
         """A function of the C++ program: its whole numbers have 64 bits, and an array goes in as its address."""

@@ -31,11 +31,8 @@ from eskin.golden.core.files import locked
 WRAPPER = Path(__file__).with_name("wrapper.sv")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
 LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
-COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
-"""Compiler options for a device in this process, which plays for minutes."""
-QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
-"""Compiler options for a simulator under cocotb, which plays a few recordings. With -O2 g++ takes minutes
-for a flat netlist with delays."""
+COMPILE_OPTIONS = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
+"""With -O2 hundreds of recordings play no faster, and g++ takes minutes for a flat netlist with delays."""
 PACKAGES = {"vvp": "iverilog"}
 """Debian's packages of tools, where they have other names."""
 PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
@@ -134,28 +131,23 @@ def build(
             words = [*"--vpi --timing --timescale 1ns/1ps -LDFLAGS".split(), flags, *["--trace"] * trace]
             words += [*COMMON_OPTIONS, *options, *(f"-G{value}" for value in set_to)]
             main = cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"
-            _verilated(folder, top, top, words, [main, *sources], [f"VM_TRACE={trace:d}", *QUICKLY_COMPILED])
+            _verilated(folder, top, top, words, [main, *sources], [f"VM_TRACE={trace:d}", *COMPILE_OPTIONS])
         else:
             (folder / "cmds.f").write_text("+timescale+1ns/1ps\n")
             words = ["iverilog", "-g2012", "-o", "sim.vvp", "-s", top, "-f", "cmds.f", *options]
             words += [f"-P{top}.{value}" for value in set_to]
             step([*words, *(_linked(source, folder) for source in sources)], folder)
 
-    described = [top, set_to, *options, trace, QUICKLY_COMPILED, COMMON_OPTIONS, sys.executable]
+    described = [top, set_to, *options, trace, COMPILE_OPTIONS, COMMON_OPTIONS, sys.executable]
     described += [importlib.metadata.version("cocotb"), tool.stat().st_mtime_ns, *sources]
     return Build(simulator, cached(root, simulator, described, make), top)
 
 
-def build_library(design: str, top: str, kernel: Path, builds: Path, quick: bool = False) -> Path:
+def build_library(design: str, top: str, kernel: Path, builds: Path) -> Path:
     """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
     from ``builds``.
 
     The kernel includes ``ports.h``, a list of {name, {place, bytes}}.
-
-    Parameters
-    ----------
-    quick:
-        Compile it quickly: a netlist, for which -O2 takes minutes.
 
     Raises
     ------
@@ -172,14 +164,12 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, quick: bool
         )
         (folder / "ports.h").write_text("".join(rows))
 
-    compiling = QUICKLY_COMPILED if quick else COMPILE_OPTIONS
-
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
         sources = [folder / "design.sv", kernel]
-        _verilated(folder, top, "device.so", LIBRARY_OPTIONS, sources, compiling, ports)
+        _verilated(folder, top, "device.so", LIBRARY_OPTIONS, sources, COMPILE_OPTIONS, ports)
 
-    described = [design, top, LIBRARY_OPTIONS, compiling, verilator_command()[0].stat().st_mtime_ns]
+    described = [design, top, LIBRARY_OPTIONS, COMPILE_OPTIONS, verilator_command()[0].stat().st_mtime_ns]
     return cached(builds, kernel.stem, [*described, kernel], make) / "device.so"
 
 
@@ -287,7 +277,7 @@ def _verilated(
     words = [*"-cc --exe -Mdir . --prefix Vtop --top-module".split(), top, "-o", output, *options]
     step([str(verilator), *words, *(_linked(path, folder) for path in sources)], folder, environment)
     prepare(folder)
-    kind = "-fPIC" in options, *compiling  # g++ 12 crashes on a header compiled with another -O
+    kind = "-fPIC" in options, *compiling
     with _shared_runtime(folder, verilator, kind) as words:
         command = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *compiling, *words]
         step(command, folder, environment)

@@ -406,7 +406,7 @@ def measured(
     config = model.config
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
-    design, boot = Design(counting(nets, cost), BUILDS, quick=True), boot_writes(config, model.arrays)
+    design, boot = Design(counting(nets, cost), BUILDS), boot_writes(config, model.arrays)
     device = Accelerator(design, config, register_map(config), boot, probes=False)
     device.command("ARM")
     device.forget()  # what a chain not yet reset may have offered

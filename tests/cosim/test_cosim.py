@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow, runner
-from eskin.cosim.device import KERNEL
 from eskin.cosim.results import Cycles
 from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
@@ -70,18 +69,6 @@ def play(design, vectors, tmp_path):
         return job(design, vectors, Simulation(**options), **given)
 
     return job
-
-
-def test_a_compiled_runtime_is_shared_by_designs_of_the_same_options(tmp_path, monkeypatch):
-    def step(command, folder, *environment):
-        for name in ("Vtop.h", "Vtop_classes.mk", "verilated.o", runner.HEADER):
-            (folder / name).write_text(str(command))
-
-    monkeypatch.setattr(runner, "RUNTIMES", tmp_path)
-    monkeypatch.setattr(runner, "step", step)
-    for design in range(4):
-        runner.build_library(str(design), "top", KERNEL, tmp_path, design < 2)
-    assert len([*tmp_path.glob("runtime-*/*.o")]) == 2
 
 
 # ---------------------------------------------------------------- ways to play

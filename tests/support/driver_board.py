@@ -18,7 +18,7 @@ class Board:
 
     def __init__(self, folder: Path, *, seed: int = 0) -> None:
         verilog = (folder / "eskin_wishbone.sv").read_text()
-        self.device = Device(Design(verilog, BUILDS, top="eskin_wishbone", quick=True))
+        self.device = Device(Design(verilog, BUILDS, top="eskin_wishbone"))
         self.device.reset()
         self.random = random.Random(seed)
         self.driver = Driver(folder, self.read, self.write)

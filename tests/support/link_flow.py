@@ -37,9 +37,7 @@ def pack_decisions(config: AcceleratorConfig, rows: np.ndarray) -> list[int]:
 @cache
 def board_of(config: AcceleratorConfig) -> Design:
     """The board, to be simulated."""
-    return Design(
-        text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top", quick=True
-    )
+    return Design(text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
 
 
 def play_link(

@@ -130,7 +130,7 @@ class Taught:
 
 def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, seed: int) -> Taught:
     """Every recording, with commands in and between them, and some reloads."""
-    both = Taught(model, Design(export(model.config, model.arrays), builds, quick=True), seed)
+    both = Taught(model, Design(export(model.config, model.arrays), builds), seed)
     for index in range(len(recordings)):
         both.play(recordings.recording(index))
         for _ in range(both.rng.randrange(3)):

@@ -124,7 +124,7 @@ def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
     config = model.config.replace(scan_every=scan_every)
     model = dataclasses.replace(model, config=config)
     recordings = random_recordings(config, LENGTHS, seed=4)
-    design, registers = Design(export(config, model.arrays), BUILDS, quick=True), register_map(config)
+    design, registers = Design(export(config, model.arrays), BUILDS), register_map(config)
     simulated = Accelerator(design, config, registers, boot_writes(config, model.arrays))
     stage = Stage(SimulationSource(model, simulated), recordings).go()
     tally = stage.player.tally

@@ -57,7 +57,7 @@ def test_a_netlist_counts_what_its_changes_cost(tmp_path):
     own, pin = cells["sg13g2_xor2_1"].pins["X"].toggle_j, cells["sg13g2_dfrbpq_1"].pins["D"].capacitance
     assert own > 0 and cost.joule[X] == pytest.approx(own + (2e-15 + pin) * 2**2 / 2)
     assert cost.joule[GCLK] == pytest.approx(2 * (own + (4e-15 + 2 * pin + 0.01e-12) * 2**2 / 2))
-    device, rng = Device(Design(asic.counting(nets, cost), asic.BUILDS, quick=True)), random.Random(4)
+    device, rng = Device(Design(asic.counting(nets, cost), asic.BUILDS)), random.Random(4)
 
     def counted() -> np.ndarray:
         return np.array([device.get("edges__count"), device.get("joule__count") * asic.ZEPTO])

@@ -60,7 +60,7 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
     text = (netlist.folder / "simulated.v").read_text() + models(
         {cell.name: cell for cell in nets.cells.values()}.values()
     )
-    device, rng = Device(Design(text, BUILDS, top="words", quick=True)), random.Random(6)
+    device, rng = Device(Design(text, BUILDS, top="words")), random.Random(6)
     words: dict[int, int] = {}
     seen, count = None, None
     for _ in range(600):
