@@ -354,9 +354,9 @@ def window_values(
     """
     touch = deviations[start - 1 :]
     completed = sum(last <= len(touch) for _, last in spans)
-    ended = spans[completed - 1][1] if completed else 0
-    touch, deviations = touch[:ended], deviations[: start - 1 + ended]
     ends = np.array(spans[:completed], dtype=np.int64).reshape(-1, 2)  # reshape: there may be none
+    ended = ends[:, 1].max(initial=0)
+    touch, deviations = touch[:ended], deviations[: start - 1 + ended]
     values = np.zeros((len(spans), deviations.shape[1], config.kinds), dtype=np.int64)
     total = _running(touch)
     for number, kind in enumerate(config.features.feature_kinds):

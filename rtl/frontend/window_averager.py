@@ -1,7 +1,7 @@
 """Exact sums over overlapping windows, made of sums of hops (docs/specification.md, section 2: windows and
 sums)."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import enum, stream
 
 from eskin.golden.core import SUMMED, AcceleratorConfig
@@ -183,8 +183,7 @@ class WindowAverager(Block):
         newest = ~operation.as_value()[0]
         m.d.sync += fresh.eq(step & newest & ~draining)
         m.d.comb += self.holds.eq(Cat(fresh, self.o.valid, draining, gap).any())
-        addend = Signal(signed(bits))
-        m.d.comb += addend.eq(Mux(newest, self.i.p.complement | draining.as_signed(), total))
+        addend = Mux(newest, self.i.p.complement | draining.as_signed(), total)
         drive(m, adder, step=step, alone=alone, word=read.data, addend=addend)
         with m.If(step):
             m.d.sync += [

@@ -190,8 +190,7 @@ class TapSequencer(Block):
         down_left = register("down_left", 3)
         row_width = register("row_width")
         row_activation, row_weight = register("row_activation"), register("row_weight")
-        next_row = Signal(plan.address_bits)
-        next_weights = Signal(plan.address_bits)
+        next_row, next_weights = Signal.like(row_activation), Signal.like(row_weight)
         since = Signal(range(lanes + DRAIN_CYCLES + 1))  # cycles since the slot's second
         tap, ends_row = self.tap, across_left == 1
         m.d.comb += [

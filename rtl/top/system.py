@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, InputError, Record
@@ -37,13 +37,8 @@ Source = Literal["host", "stream", "converter"]
 Host = Literal["link", "wishbone", "axi4lite"]
 """Sender of the model: a host over a `UartLink`, a CPU behind a `BusShell`."""
 
-FRAMES = {
-    "s_axis_tdata": In(16),
-    "s_axis_tvalid": In(1),
-    "s_axis_tready": Out(1),
-    **inputs("s_axis_tlast", "s_axis_tuser"),
-}
-DECISIONS = {"m_axis_tdata": Out(32), "m_axis_tvalid": Out(1), "m_axis_tready": In(1), "m_axis_tlast": Out(1)}
+FRAMES = inputs("s_axis_tvalid", "s_axis_tlast", "s_axis_tuser", s_axis_tdata=16) | outputs("s_axis_tready")
+DECISIONS = outputs("m_axis_tvalid", "m_axis_tlast", m_axis_tdata=32) | inputs("m_axis_tready")
 INSIDE = ("bus", "frame", "words", "decision", "any_fault", "request", "expected")
 """Members of a host's parts that are no pins."""
 

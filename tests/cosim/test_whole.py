@@ -25,6 +25,7 @@ BASE = TRACKED.replace(
 DESIGNS = {
     "linear, ended by its longest touch": {
         "cell": "linear",
+        "checksum": True,
         "decision": "last",
         "steps": 5,
         "store_per_window": 6,

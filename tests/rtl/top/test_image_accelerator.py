@@ -23,10 +23,10 @@ SHORT = 3
 
 
 def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
-    """(decisions, what FAULTS then reads, before and after it was cleared) of an image, a long time between
+    """(margins, what FAULTS then reads, before and after it was cleared) of an image, a long time between
     its rows."""
     config = MODEL.config
-    dut, decisions, faults = Accelerator(config), [], []
+    dut, margins, faults = Accelerator(config), [], []
 
     async def bench(ctx):
         write, read = bus_accesses(ctx, dut.bus)
@@ -42,7 +42,7 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
             await ctx.tick().repeat(100)
         for _ in range(2 * step_cycles(config) + 2 * bound(config)):
             if ctx.get(dut.o.valid):
-                decisions.append(ctx.get(dut.o.p["class"]))
+                margins.append(ctx.get(dut.o.p.margin))
                 ctx.set(dut.o.ready, 1)
             await ctx.tick()
             ctx.set(dut.o.ready, 0)
@@ -52,7 +52,7 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
         ctx.set(dut.o.ready, 1)
 
     simulate(dut, bench)
-    return decisions, faults
+    return margins, faults
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +65,8 @@ def test_a_short_last_row_is_filled_up_before_the_clock_stops(image):
     filled[-1, SHORT:] = filled[-1, SHORT - 1]
     rows = [list(map(int, row)) for row in image]
     rows[-1] = rows[-1][:SHORT]
-    decisions, faults = play(rows, boot_writes(MODEL.config, MODEL.arrays))
-    assert decisions == [int(run_images(MODEL, filled[None]).decision[0])] * 2
+    margins, faults = play(rows, boot_writes(MODEL.config, MODEL.arrays))
+    assert margins == [int(run_images(MODEL, filled[None]).margin[0])] * 2
     assert faults == [Fault.FRAMING, 0]
 
 
@@ -74,8 +74,8 @@ def test_a_program_that_runs_too_long_is_told_by_the_checksum_and_ended_by_the_w
     writes = boot_writes(MODEL.config, MODEL.arrays)
     extent = writes.index((Register.MEMORY_SELECT, ImageMemory.PASSES)) + 1 + Word.EXTENT
     writes[extent] = (Register.MEMORY_DATA, 0xFFFF)  # a map of 256 x 256
-    decisions, faults = play([list(map(int, row)) for row in image], writes)
-    assert not decisions and faults == [Fault.CHECKSUM | Fault.WATCHDOG, 0]
+    margins, faults = play([list(map(int, row)) for row in image], writes)
+    assert not margins and faults == [Fault.CHECKSUM | Fault.WATCHDOG, 0]
 
 
 @each_row("field, value", [("lanes", 6), ("loadable", False), ("one_port", True), ("one_phase", True)])
