@@ -158,7 +158,7 @@ def _mended(weakest: Failure, chosen: CandidateRow, candidates: Sequence[Candida
     """Sentence about the candidate that does best in the weakest mode, and its cost."""
     # an accuracy has to be high, a share of false onsets low
     sign, own = 1 if weakest.figure < weakest.bound else -1, weakest.chosen
-    name = f"The weakest is '{weakest.name}': {weakest.figure:.1%}, bound {weakest.bound:.1%}."
+    name = f"The weakest is '{weakest.name}': {percent(weakest.figure)}, bound {percent(weakest.bound)}."
     if weakest.held:
         return f"{name} Every figure is within its bound."
     figures = [(_figure(row, weakest.mode), row) for row in candidates]
@@ -168,7 +168,7 @@ def _mended(weakest: Failure, chosen: CandidateRow, candidates: Sequence[Candida
         return f"{name} No candidate does better in this mode."
     joule, watt = best.energy_touch_j - chosen.energy_touch_j, best.average_w - chosen.average_w
     return (
-        f"{name} On the folds of the choice it is {own:.1%}, and {sign * highest:.1%} with the best candidate: "
+        f"{name} On the folds of the choice it is {percent(own)}, and {percent(sign * highest)} with the best candidate: "
         f"{network_name(best)}, {front_end_words(best.front_end)}. Compared with the chosen network it needs "
         f"{1e6 * joule:+.2f} uJ a touch, {1e6 * watt:+.2f} uW on average and {best.cells - chosen.cells:+d} logic cells; "
         f"its accuracy without disturbance differs by {100 * (best.accuracy - chosen.accuracy):+.1f} points."
@@ -181,6 +181,10 @@ def decides_early(candidates: Sequence[CandidateRow]) -> CandidateRow | None:
     timed = [(row.decision_time_s, row) for row in candidates if row.decision_time_s is not None]
     latest = next((time_s / 2 for time_s, row in timed if row.chosen), 0.0)
     return max((row for time_s, row in timed if time_s <= latest), key=lambda row: row.score, default=None)
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
 
 
 def left_out(groups: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eskin.choose.choice_table import left_out
+from eskin.choose.choice_table import left_out, percent
 from eskin.choose.yardsticks import neighbours_alike
 from eskin.data.folds import likely_groups
 from eskin.golden.core import AcceleratorConfig
@@ -39,10 +39,6 @@ share must be behind the best; accuracy from which on there is no doubt."""
 SESSIONS = (
     "record every class in several sessions, name these in an array of the archive and give it with `group`"
 )
-
-
-def percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
 
 
 def doubt(code: str, text: str, split: Judged | None = None) -> Doubt:

@@ -208,7 +208,7 @@ def test_the_weakest_disturbance_names_the_candidate_that_does_better_and_its_co
     edit(result / "run.json", **record)
     words = plain(Page(write_report(result)).text)
     assert (
-        "The weakest is 'spikes': 40.0%, bound 45.0%. On the folds of the choice it is 50.0%, and 80.0% with the best "
+        "The weakest is 'spikes': 40.0 %, bound 45.0 %. On the folds of the choice it is 50.0 %, and 80.0 % with the best "
         "candidate: GRU 8" in words
     )
     assert (
