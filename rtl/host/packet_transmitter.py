@@ -81,7 +81,7 @@ class PacketTransmitter(wiring.Component):
             body = Mux(is_frame, self.words.p.word.word_select(byte[0], 8), body)
             following = Mux(is_frame & (byte == 1), Mux(self.words.p.last, CHECK, 0), following)
             sends |= is_frame
-        fcs = Signal(16, init=FCS_START)
+        fcs = Signal(16)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(data_bit, 1)))
         # The check sequence leaves its register bit by bit, so that its lower byte is always the byte to send

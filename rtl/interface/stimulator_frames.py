@@ -89,7 +89,7 @@ class StimulatorFrames(wiring.Component):
                         m.d.comb += body.eq(Mux(index == channel, channel, 0xFF))
                     elif name in ("C1", "C2"):
                         mine = channel[4] == int(name == "C2")
-                        m.d.comb += body.eq(Mux(mine & (index[:4] == channel[:4]), held.amplitude, 0))
+                        m.d.comb += body.eq(Mux(mine & (index == channel[:4]), held.amplitude, 0))
                     else:
                         value = held[{"SD": "delay", "SF": "frequency", "SW": "width"}[name]]
                         high, low = BODIES[name] - 2, BODIES[name] - 1
