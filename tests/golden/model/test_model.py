@@ -13,6 +13,7 @@ from eskin.training.network import RecurrentClassifier
 from eskin.training.record import training_of
 from tests.support.folder import contents
 from tests.support.random_models import random_float_model, random_integer_model
+from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL
 
@@ -145,6 +146,15 @@ def test_a_spread_too_small_for_the_scale_is_refused():
     assert (*filled.features.feature_shift, *scale) == (0, top), "the largest code is one"
     with refused("feature_format.*fewer feature bits"):
         normaliser_constants(config, 0.0, 0.0005)
+
+
+def test_sums_far_from_the_mean_saturate_before_they_are_scaled():
+    config, none = TRACKED.replace(feature_shift=(0,)), np.zeros(1, dtype=np.int64)
+    sums = np.array([1 << 20, -1 << 20, 1, 0])
+    codes = normalise(
+        config, sums.reshape(1, 1, 4), np.ones(1), none, none + 256
+    )  # far smaller than a fitted one
+    assert codes.tolist() == [[[1024, -1024, 0, 0]]]
 
 
 # ---------------------------------------------------------------------- changes of the network
