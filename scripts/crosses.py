@@ -368,8 +368,6 @@ def _flag_cases(seen: Seen) -> Iterator[Case]:
 
 
 def _narrowing_never(case: Case) -> str:
-    if case[0] == "tanh_of_state" and case[1] in ("high", "low"):
-        return "tanh lies within 1, which every format of states holds (section 6)"
     floor = case[0] == "centred" and case[1] in ("down", "up", "tie")
     return "centred is a floor (section 3): nothing is rounded" * floor
 
