@@ -32,7 +32,7 @@ WRAPPER = Path(__file__).with_name("wrapper.sv")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
 LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
 COMPILE_OPTIONS = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
-"""With -O2 hundreds of recordings play no faster, and g++ takes minutes for a flat netlist with delays."""
+"""With -O2 hundreds of recordings play hardly faster, and g++ takes minutes for a flat netlist with delays."""
 PACKAGES = {"vvp": "iverilog"}
 """Debian's packages of tools, where they have other names."""
 PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)

@@ -56,11 +56,13 @@ def merge() -> None:
             if "test_random_designs" in test:  # other designs under the same name
                 counts.update(merged["hits"].get(test, {}))
             merged["hits"][test] = counts
-        part.unlink()
-    if parts:
+    if merged["hits"]:
         merged["bins"] = rows(merged["hits"])
-        merged["curve"].append([len(merged["hits"]), round(share(merged["bins"]), 4)])
+        if parts:
+            merged["curve"].append([len(merged["hits"]), round(share(merged["bins"]), 4)])
         MERGED.write_text(json.dumps(merged, indent=1))
+    for part in parts:  # last: a wrong bin ends this, and the hits must not be lost
+        part.unlink()
 
 
 def rows(hits: dict[str, dict[str, int]]) -> list[dict[str, Any]]:

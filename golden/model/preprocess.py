@@ -73,8 +73,11 @@ class Touches:
 
         ``recordings``, ``flagged`` and ``armed`` are about recordings and stay.
         """
-        names = "recording onset_frame start_frame completed partial sums faults ended cut lengths".split()
-        values = {name: getattr(self, name)[rows] for name in names if getattr(self, name) is not None}
+        values = {
+            name: value[rows]
+            for name, value in vars(self).items()
+            if value is not None and name not in "recordings flagged armed".split()
+        }
         if steps is not None:
             values["completed"] = np.minimum(values["completed"], steps)
             values |= {

@@ -101,11 +101,12 @@ def test_without_its_tests_a_bin_is_a_hole(folder):
         assert coverage.wishes({*names} - {hole}) == [wish] * bool(wish)
 
 
-def test_a_bin_that_cannot_be_or_is_unknown_is_an_error(folder):
+def test_a_bin_that_cannot_be_or_is_unknown_is_an_error_and_no_hit_is_lost(folder):
     impossible = next(row for row in coverage.rows({}) if row["never"])
     for name in (f"{impossible['cross']}: {impossible['bin']}", "scan: 3, touch"):
         with pytest.raises(ValueError, match="cannot be|no cross has"):
-            coverage.rows({"test": {name: 1}})
+            merged(folder, gw0={"test": {name: 1}})
+        assert [*folder.glob("parts/*")]
 
 
 @each_row(
