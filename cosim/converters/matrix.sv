@@ -11,7 +11,8 @@ module converter #(
     input wire [32*ROWS*COLUMNS-1:0] analog, input wire [2:0] fault, output integer violations, output wire asleep
 );
     wire [31:0] cell_now = (row & 15) * COLUMNS + (column & 15);
-    integer falls = -1, at = 0, clocked = 0, began = 0, waking = 0;
+    integer falls = -1, clocked = 0;
+    longint at = 0, began = 0, waking = 0;
 `ifdef SLEEPS
     reg down = 1'b1;  // the data sheet leaves it open
 `else
