@@ -13,10 +13,10 @@ EXTRAS = {
 """The packages that each extra installs, as they are imported."""
 
 
-def without_extra(error: ModuleNotFoundError) -> str | None:
-    """A sentence with the extra that installs a missing package; None if no extra does."""
+def without_extra(error: ModuleNotFoundError) -> str:
+    """A sentence with the extra that installs a missing package; raises ``error`` if no extra does."""
     package = (error.name or "").partition(".")[0]
     for extra, packages in EXTRAS.items():
         if package in packages.split():
             return f"this needs {package}, which comes with the extra '{extra}'; run: pip install 'eskin[{extra}]'"
-    return None
+    raise error

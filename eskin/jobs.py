@@ -9,10 +9,12 @@ repeated work is not computed again.
 
 import contextlib
 import os
+import pickle
 import signal
 import threading
 import time
-from collections.abc import Callable, Generator
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError
 from dataclasses import dataclass
 from typing import Any
@@ -124,18 +126,50 @@ def _end_with(parent: int) -> None:
     os.killpg(0, signal.SIGKILL)
 
 
-def _on_cores(workers: int, function: Function, shared: Any, pieces: Record) -> Results:
+def _begun(workers: int, tasks: Iterable[Any]) -> Any:
+    """Results of ``tasks``, which have begun, as they arrive."""
     # arrays travel whole: a worker that maps them as files could not write into its copy
-    place: Record = {"inner_max_num_threads": 1, "max_nbytes": None}
-    place |= {"initializer": _begin_worker, "initargs": (os.getpid(),)}
+    place: Record = dict(
+        inner_max_num_threads=1, max_nbytes=None, initializer=_begin_worker, initargs=(os.getpid(),)
+    )
     # No piece waits in a worker: joblib ends first what a worker has started, and the worker would begin the next piece.
-    options: Record = {"return_as": "generator_unordered", "batch_size": 1, "pre_dispatch": "n_jobs"}
-    tasks = (delayed(_keyed)(function, shared, key, piece) for key, piece in pieces.items())
     with parallel_config("loky", n_jobs=workers, **place):
-        try:
-            yield from Parallel(**options)(tasks)
-        except BrokenExecutor:
-            raise InputError(DIED) from None
+        return Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs")(tasks)
+
+
+def _on_cores(workers: int, function: Function, shared: Any, pieces: Record) -> Results:
+    try:
+        yield from _begun(
+            workers, (delayed(_keyed)(function, shared, key, piece) for key, piece in pieces.items())
+        )
+    except BrokenExecutor:
+        raise InputError(DIED) from None
+
+
+@contextlib.contextmanager
+def beside(function: Callable[..., Any], *arguments: Any) -> Iterator[Callable[[], Any]]:
+    """Begin a call in another process, in one thread. Yielded is a function that waits for its result; a call that goes on
+    at the end of the context is ended.
+
+    function, arguments: can be pickled; what changes in them later is not seen there.
+
+    Raises
+    ------
+    BrokenExecutor
+        When waiting: the process died. Errors of the call are raised there, too.
+    """
+    # joblib would stay in this process with one worker
+    begun = _begun(2, [delayed(_call)(pickle.dumps((function, arguments)))])
+    try:
+        yield lambda: next(begun)
+    finally:
+        with warnings.catch_warnings(action="ignore"):  # of a call that is ended
+            begun.close()
+
+
+def _call(pickled: bytes) -> Any:
+    function, arguments = pickle.loads(pickled)
+    return function(*arguments)
 
 
 # ---------------------------------------------------------------------- a cluster

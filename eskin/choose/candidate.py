@@ -85,8 +85,7 @@ class ScoredCandidate:
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
     recordings without a touch or a completed window. decisions: of its networks. stress: the disturbances.
-    disturbed: function that gives the share of networks that were wrong under each (cases, recordings). calm: the
-    rule takes this candidate if it looks at undisturbed recordings alone.
+    disturbed: function that gives the share of networks that were wrong under each (cases, recordings).
     """
 
     candidate: Candidate
@@ -95,7 +94,6 @@ class ScoredCandidate:
     decisions: Decisions | None = None
     stress: Panel | None = None
     disturbed: Callable[[], np.ndarray] | None = None
-    calm: bool = False
 
     @classmethod
     def of(
@@ -293,14 +291,23 @@ def affordable(config: AcceleratorConfig, calm: ScoredCandidate, prices: CostMod
 def in_reach(
     judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel, loss: float = CLEAN_LOSS
 ) -> list[ScoredCandidate]:
-    """Candidates that `choose_stable` may take in place of ``calm``, and ``calm`` itself. loss: largest loss
-    of accuracy."""
-    return [
+    """Candidates that `choose_stable` may take in place of ``calm``, and ``calm`` itself; the best score first. loss:
+    largest loss of accuracy."""
+    found = [
         one
         for one in judged
         if one.candidate == calm.candidate
         or (one.accuracy >= calm.accuracy - loss and affordable(one.config, calm, prices))
     ]
+    return sorted(found, key=lambda one: -one.score)
+
+
+def tied(
+    judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel
+) -> list[ScoredCandidate]:
+    """Candidates `in_reach` that tie with the best score, which comes first."""
+    best, *others = in_reach(judged, calm, prices)
+    return [best] + [one for one in others if is_level(best.scores, one.scores)]
 
 
 def choose_stable(
@@ -310,9 +317,7 @@ def choose_stable(
     more than the best of these; at equal cost the one in fewer modes, then with the higher score. Candidates are left
     out if, compared with ``calm`` (the choice of `choose`), they lose more than CLEAN_LOSS of accuracy on undisturbed
     recordings or are not `affordable`."""
-    ranked = sorted(in_reach(judged, calm, prices), key=lambda scored: -scored.score)
-    level = [scored for scored in ranked if is_level(ranked[0].scores, scored.scores)]
-    level.sort(key=lambda scored: scored.beyond)
+    level = sorted(tied(judged, calm, prices), key=lambda scored: scored.beyond)
     most = level[0].beyond + MORE_MODES
     return _cheapest([scored for scored in level if scored.beyond <= most], prices)
 

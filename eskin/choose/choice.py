@@ -14,8 +14,11 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,6 +55,7 @@ from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Progress
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
+from eskin.jobs import beside
 from eskin.memo import Memo
 from eskin.training.datasets import Datasets
 from eskin.training.derive import derive_config, settling_frames
@@ -65,6 +69,7 @@ from eskin.training.judge import (
     cross_validate,
     folds_of,
     judge,
+    named,
 )
 from eskin.training.losses import Callback
 from eskin.training.record import (
@@ -235,7 +240,7 @@ def choose_front_end(
         enough = False
     if not enough:
         guess, why = derive_config(recordings)
-        why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
+        why.append("there are too few recordings to compare front ends, so rules derived this one")
         return Plan(guess, why, split, split_from, prices, guessed=True)
     with one_thread():
         state = FrontEndSearch(
@@ -245,7 +250,8 @@ def choose_front_end(
             folds=parts,
             brief=learns_from_one_group(judged_on, parts),
         )
-        screened = search_front_ends(state, front_ends.progress)
+        screened = search_front_ends(state, progress)
+    front_ends.progress = None  # which no other process can have
     chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts = Screening(
@@ -396,9 +402,41 @@ def unseen(
     )
 
 
+BESIDE = 100
+"""Fewest recordings with which the choice inside folds has another process: with fewer, starting it takes as long."""
+
+
+@contextmanager
+def unseen_by_split(
+    plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions
+) -> Iterator[Callable[[Sequence[str]], Nested]]:
+    """`unseen` as a function of the split. It needs nothing of the main choice, so with many recordings another process
+    begins at once with the plan's split."""
+
+    here = partial(unseen, plan, settings, search_options)
+    chosen = plan.screened or search_options.open
+    if not (chosen and settings.folds) or len(settings.recordings) < BESIDE:
+        yield here
+        return
+    silent = dataclasses.replace(settings, progress=None)
+    with beside(unseen, plan, silent, search_options, plan.split) as result:
+
+        def there(split: Sequence[str]) -> Nested:
+            if list(split) == plan.split:
+                named(settings.progress, "waiting for the choices inside folds")(0, 0)
+                with suppress(BrokenExecutor):  # it died, perhaps without memory for two
+                    return result()
+            return here(split)
+
+        yield there
+
+
 # ---------------------------------------------------------------------- the network
-def candidate_row(one: ScoredCandidate, split: Split, chosen: bool, prices: CostModel) -> CandidateRow:
+def candidate_row(
+    one: ScoredCandidate, split: Split, taken: Candidate, search: NetworkSearch
+) -> CandidateRow:
     """A row of ``candidates`` in training.json. split: its cross-validation."""
+    prices, calm = search.prices, search.calm
     config, front_end = one.config, front_end_of(one.candidate.front_end)
     assert one.decisions is not None
     faults = dataclasses.asdict(config.faults)  # networks were fitted without a detector
@@ -415,7 +453,7 @@ def candidate_row(one: ScoredCandidate, split: Split, chosen: bool, prices: Cost
         stress=one.figures.stress,
         gate_modes=one.figures.gate_modes,
         robust=one.candidate.recipe.robust,
-        calm=one.calm,
+        calm=calm is not None and one.candidate == calm.candidate,
         float_accuracy=split.float_accuracy,
         agreement=split.agreement,
         block_memories=prices.blocks_of(integer),
@@ -428,7 +466,7 @@ def candidate_row(one: ScoredCandidate, split: Split, chosen: bool, prices: Cost
         scan_every=config.sensor.scan_every,
         front_end=front_end,
         front_end_words=front_end_words(front_end),
-        chosen=chosen,
+        chosen=one.candidate == taken,
     )
 
 
@@ -523,25 +561,27 @@ def train_chosen(
         tests=tests,
         hardening=plan.hardening(settings.stress),
     )
-    (taken,) = choose_networks([network_search], settings)
-    tried = network_search.tried
-    judged = {
-        one.candidate: one.decisions.record(recordings, settings.groups, step_times(one.config, data.touches))
-        for one in tried
-        if one.decisions and (data := settings.datasets.of(one.config, one.candidate.recipe))
-    }
-    whole = taken in judged and len(judged[taken].seeds) == len(settings.seeds)
-    rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
-    if wanted.groups is not None:
-        splits = [wanted.groups]
-    elif asked is None or is_open:
-        splits = splits_to_report(recordings, taken.config, settings.groups)
-    else:
-        splits = default_splits(recordings, taken.config)
-    validated = _cross_validated(taken, splits if folds else [], settings, [judged[taken]] if whole else [])
-    touches = settings.datasets.of(taken.config, taken.recipe).touches
-    ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
-    notes = _compared(validated, len(touches), plan, settings, search_options, taken, rows)
+    with unseen_by_split(plan, settings, search_options) as nested:
+        (taken,) = choose_networks([network_search], settings)
+        tried = network_search.reported
+        judged = {
+            one.candidate: one.decisions.record(
+                recordings, settings.groups, step_times(one.config, data.touches)
+            )
+            for one in tried
+            if one.decisions and (data := settings.datasets.of(one.config, one.candidate.recipe))
+        }
+        rows = [candidate_row(one, judged[one.candidate], taken, network_search) for one in tried]
+        if wanted.groups is not None:
+            splits = [wanted.groups]
+        elif asked is None or is_open:
+            splits = splits_to_report(recordings, taken.config, settings.groups)
+        else:
+            splits = default_splits(recordings, taken.config)
+        validated = _cross_validated(taken, splits if folds else [], settings, judged.get(taken))
+        touches = settings.datasets.of(taken.config, taken.recipe).touches
+        ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
+        notes = _compared(validated, len(touches), plan, settings, search_options, taken, rows, nested)
     notes.reasons = [*plan.reasons, *_reasons(plan, taken, rows), *network_search.remarks, *ended]
     if plan.screened:
         notes.front_end = plan.record(taken.front_end)
@@ -562,12 +602,12 @@ def train_chosen(
 
 
 def _cross_validated(
-    taken: Candidate, splits: Sequence[list[str]], settings: CrossValidationSettings, known: Sequence[Split]
+    taken: Candidate, splits: Sequence[list[str]], settings: CrossValidationSettings, known: Split | None
 ) -> list[Split]:
-    """The record of each split; ``known``: those that the choice made."""
+    """The record of each split; ``known``: of the choice's split, with all seeds or some."""
     for groups in splits:
         check_split(settings.recordings, groups, settings.folds)
-    records = {tuple(split.groups): split for split in known}
+    records = {tuple(known.groups): known} if known and len(known.seeds) == len(settings.seeds) else {}
     missing = [groups for groups in splits if tuple(groups) not in records]
     fresh = cross_validate(
         settings.recordings,
@@ -640,12 +680,14 @@ def _compared(
     search_options: SearchOptions,
     taken: Candidate,
     rows: Sequence[CandidateRow],
+    nested: Callable[[Sequence[str]], Nested],
 ) -> Training:
     """Comparisons for training.json: for every split a linear classifier on the same integer features and folds,
-    and its ``unseen`` figure if something was chosen."""
+    and its figure of ``nested`` if something was chosen."""
     recordings, config = settings.recordings, taken.config
     splits = [split.groups for split in validated]
     baselines = linear_yardsticks(recordings, config, splits, settings.folds)
+    same_groups = _same_groups(settings, taken)
     found = list(plan.doubts)
     if plan.screened and not config.recurrent:  # front ends are judged with a linear network
         found += doubts.still_climbing([(one.config, one.correct) for one in plan.screened])
@@ -657,7 +699,7 @@ def _compared(
             try:
                 if plan.guessed:
                     raise InputError("recordings are too few; record more")
-                split.nested = unseen(plan, settings, search_options, split.groups)
+                split.nested = nested(split.groups)
                 found += doubts.by_choice(split, split.nested)
             # a front end that a fold chose has no room for its network, or no touch
             except InputError as error:
@@ -668,7 +710,7 @@ def _compared(
     return Training(
         cross_validation=validated,
         baselines=baselines,
-        same_groups=_same_groups(settings, taken),
+        same_groups=same_groups,
         doubts=found,
         warnings=[doubt.text for doubt in found],
     )

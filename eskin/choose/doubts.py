@@ -202,23 +202,15 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
     groups:
         What was left out.
     """
-    group = " and ".join(groups)
-    left = f"with {group} left out, " if groups else ""
-    text = f"{left}the level of the first {frames} frames alone reveals the class of {percent(share)} of the recordings"
+    group, fix = " and ".join(groups), SESSIONS
+    text = f"the level of the first {frames} frames alone reveals the class of {percent(share)} of the recordings"
+    if groups:
+        text = f"with {group} left out, {text}"
+        fix = f"record every class at every {group}; if you did, the level is part of the touch"
     if without is not None:
         text += f" (a front end that removes this level classifies {percent(without)} correctly)"
-    text += ": if each class has its own session, this is the session and not the touch; "
-    return [
-        doubt(
-            "level_tells",
-            text
-            + (
-                f"record every class at every {group}; if you did, the level is part of the touch"
-                if groups
-                else SESSIONS
-            ),
-        )
-    ]
+    text += f": if each class has its own session, this is the session and not the touch; {fix}"
+    return [doubt("level_tells", text)]
 
 
 def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Doubt]:
@@ -272,10 +264,9 @@ def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:
     ]
     if not lost:
         return []
-    worst = list(class_names).index(lost[0])
-    decided_as = (*class_names, "nothing")[
-        int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))
-    ]
+    worst = class_names.index(lost[0])
+    table[worst, worst] = -1
+    decided_as = (*class_names, "nothing")[table[worst].argmax()]
     text = (
         f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} recognised no more often than by chance ({lost[0]} "
         f"is mostly classified as {decided_as}): record more of {'it' if len(lost) == 1 else 'them'}, or merge the "

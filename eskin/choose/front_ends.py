@@ -50,7 +50,7 @@ from eskin.training.derive import (
     settling_frames,
 )
 from eskin.training.formats import normaliser_constants
-from eskin.training.judge import Decided, Learner, Rows, folds_of, judge
+from eskin.training.judge import Decided, Learner, Rows, folds_of, judge, named
 from eskin.training.level import is_level
 from eskin.training.linear_fit import PENALTIES, cut_short, discriminants
 
@@ -175,13 +175,13 @@ class EstimatorLearner:
         recordings, touch = np.unique(self.owner, return_index=True)
         labels, deciders = self.labels[self.owner], []
         for part in parts:
-            train, left_out = np.isin(self.owner, part), ~np.isin(recordings, part)
+            train, rest = np.isin(self.owner, part), touch[~np.isin(recordings, part)]
             decided = np.full(len(self.labels), -1)
-            if train.any() and left_out.any():
-                decided[recordings[left_out]] = labels[train][0]
-            if len(np.unique(labels[train])) > 1 and left_out.any():
-                model = self.make().fit(self.x[train], labels[train])
-                decided[recordings[left_out]] = model.predict(self.x[touch[left_out]])
+            if train.any() and len(rest):
+                x, known = self.x[train], labels[train]
+                several = len(np.unique(known)) > 1
+                model = self.make().fit(x, known) if several else None
+                decided[self.owner[rest]] = model.predict(self.x[rest]) if model else known[0]
             deciders.append(KnownDecider(decided))
         return deciders
 
@@ -366,19 +366,19 @@ class FrontEnds:
             self.scales = ("array", "taxel") if uneven <= UNEVEN**2 else ("taxel",)
             trial = "is tried first" if len(self.scales) > 1 else "is the only one tried"
             self.reasons.append(f"taxels differ by {uneven:.3g} in range, so one scale per taxel {trial}")
-        self.looked_at = recordings.evenly(_how_many(recordings))
+        of_one = recordings.frames * recordings.taxels / len(recordings)
+        most = max(8 * len(recordings.class_names), int(JUDGED_SAMPLES / of_one))
+        self.looked_at = recordings.evenly(min(len(recordings), JUDGED_ON, most))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)
         self.screen = Screen(self.recordings, int(recordings.lengths.max()))
-        self.progress = progress or (lambda what, done, total: None)
+        self.progress = progress
         self._grams: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def by_gate(self) -> list[list[AcceleratorConfig]]:
         """Result of `Screen.gates`."""
-        return self.screen.gates(
-            self._base, lambda done, total: self.progress("onset rules looked at", done, total)
-        )
+        return self.screen.gates(self._base, named(self.progress, "onset rules looked at"))
 
     def part(self, numbers: np.ndarray) -> np.ndarray:
         """The sampled recordings that represent a part of the archive."""
@@ -396,12 +396,6 @@ class FrontEnds:
             self._grams[config] = touched[held], gram[np.ix_(held, held)].astype(np.float32)
         seen = np.isin(touched, rows)
         return np.searchsorted(rows, touched[seen]), gram[np.ix_(seen, seen)].astype(float)
-
-
-def _how_many(recordings: Recordings) -> int:
-    """Number of recordings to judge on: all of a small archive."""
-    of_one = recordings.frames * recordings.taxels / len(recordings)
-    return int(min(len(recordings), JUDGED_ON, max(8 * len(recordings.class_names), JUDGED_SAMPLES / of_one)))
 
 
 # ---------------------------------------------------------------------- the search
@@ -477,11 +471,8 @@ def kinds_of_feature(search: FrontEndSearch) -> Request:
 def windows_of_the_touch(search: FrontEndSearch) -> Request:
     """Means of windows that divide the whole touch, on the best SURVIVORS gates."""
     longest = search.front_ends.screen.longest
-    gates: dict[Any, AcceleratorConfig] = {}
-    for scored in search.ranked(search.near()):
-        at = scored.candidate.front_end
-        gates.setdefault((at.rest_level, at.onset_rule), at)
-    return _screened(config for at in [*gates.values()][:SURVIVORS] for config in whole(at, longest))
+    gates = by_gate(scored.candidate.front_end for scored in search.ranked(search.near()))
+    return _screened(config for at in gates[:SURVIVORS] for config in whole(at, longest))
 
 
 def kinds_of_the_touch(search: FrontEndSearch) -> Request:
@@ -650,9 +641,7 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
     tried: list[AcceleratorConfig | None] = []
     if best.windows.window_mode == "free":
         for config in (config for configs in by_gate if _same_gate(configs[0], best) for config in configs):
-            block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
-            windows = {name: getattr(config.windows, name) for name in ("hop", "window", "steps")}
-            tried.append(valid(best, **windows, activity_block=block))
+            tried.append(with_hop(best, config.windows.hop, steps=config.windows.steps))
     if best.onset_rule.onset == "baseline":
         threshold = best.onset_rule.onset_threshold
         tried += [valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]
@@ -666,11 +655,17 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
     if len(kinds) > 1:
         tried += [valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
     if windows.window_mode == "free":
-        shorter = max(2 * windows.hop // 3 // 8 * 8, 4)
-        block = block_of(shorter) if at.features.activity_block > 1 else 1
         tried.append(valid(at, steps=max(2 * windows.steps // 3, 1)))
-        tried.append(valid(at, hop=shorter, window=2 * shorter, activity_block=block))
+        tried.append(with_hop(at, max(2 * windows.hop // 3 // 8 * 8, 4)))
     return filter(None, tried)
+
+
+def by_gate(ons: Iterable[AcceleratorConfig], scans: bool = False) -> list[AcceleratorConfig]:
+    """The first front end of each gate, and if ``scans`` of each ``scan_every``."""
+    first: dict[Any, AcceleratorConfig] = {}
+    for on in ons:
+        first.setdefault((on.rest_level, on.onset_rule, scans and on.sensor.scan_every), on)
+    return [*first.values()]
 
 
 def whole(at: AcceleratorConfig, longest: int) -> list[AcceleratorConfig]:
@@ -735,10 +730,10 @@ def _fewer_scans(
             for clip in (rests.clip, 2 * threshold, 3 * threshold)
         ]
     for eighths in dict.fromkeys((hop, max(hop - hop % 8, 1))):
-        block = block_of(eighths) if best.features.activity_block > 1 else 1
-        windows = dict(hop=eighths, window=2 * eighths, activity_block=block) if eighths != hop else {}
         for threshold, clip in rules:
-            at = valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
+            at = valid(best, onset_threshold=threshold, clip=min(clip, 65535))
+            if at and eighths != hop:
+                at = with_hop(at, eighths)
             while at and (at := scanning_half(at)):
                 yield at
 
@@ -804,6 +799,12 @@ def window_sets(ends: Sequence[int], rate: float, at_once: bool) -> list[dict[st
 def block_of(hop: int) -> int:
     """The longest block of activity, frames, that fits a hop four times: whole blocks, 64 frames at most."""
     return max(block for block in range(1, min(64, max(hop // 4, 1)) + 1) if hop % block == 0)
+
+
+def with_hop(config: AcceleratorConfig, hop: int, **changes: Any) -> AcceleratorConfig | None:
+    """`valid` with another hop, windows twice as long, and blocks of activity that fit them."""
+    block = block_of(hop) if config.features.activity_block > 1 else 1
+    return valid(config, hop=hop, window=2 * hop, activity_block=block, **changes)
 
 
 def features(

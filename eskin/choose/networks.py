@@ -43,9 +43,10 @@ from eskin.choose.candidate import (
     choose,
     choose_stable,
     in_reach,
+    tied,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.front_ends import Listed
+from eskin.choose.front_ends import Listed, by_gate
 from eskin.choose.search import Move, Request, Search, search
 from eskin.choose.sturdy import SPREAD, Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -197,9 +198,14 @@ class SearchOptions:
     open: bool = False
 
     def candidate(
-        self, on: AcceleratorConfig, cell: str | None = None, hidden: int | None = None, fit: str = ""
+        self,
+        on: AcceleratorConfig,
+        cell: str | None = None,
+        hidden: int | None = None,
+        fit: str = "",
+        **changes: Any,
     ) -> Candidate:
-        """The network asked for on a front end, or another one in its place, with its recipe.
+        """The network asked for on a front end, or another one in its place, with its recipe; ``changes``: of other fields.
 
         Raises
         ------
@@ -207,7 +213,7 @@ class SearchOptions:
             No accelerator has this network, or there is no such recipe.
         """
         cell, hidden = cell or (None if self.cell == AUTO else self.cell), hidden or self.hidden
-        config = network(on, cell, hidden) if cell else with_network(on, hidden=hidden)
+        config = (network(on, cell, hidden) if cell else with_network(on, hidden=hidden)).replace(**changes)
         if config.recurrent:
             config = with_network(config, reset=self.reset)
         recipe = choose_recipe(config, self.robust)
@@ -224,18 +230,12 @@ class SearchOptions:
 
     def forest(self, on: AcceleratorConfig, trees: int, depth: int, fit: str = "") -> Candidate | None:
         """So many trees on a front end; None: no accelerator has them."""
-        found = self.possible(on, "trees", None, fit)
-        if found is None:
-            return None
-        try:
-            return dataclasses.replace(found, config=found.config.replace(trees=trees, depth=depth))
-        except InputError:
-            return None
+        return self.possible(on, "trees", None, fit, trees=trees, depth=depth)
 
-    def possible(self, on: AcceleratorConfig, *network: Any) -> Candidate | None:
+    def possible(self, on: AcceleratorConfig, *network: Any, **changes: Any) -> Candidate | None:
         """Result of ``candidate``, or None if it would raise an error."""
         try:
-            return self.candidate(on, *network)
+            return self.candidate(on, *network, **changes)
         except InputError:
             return None
 
@@ -277,14 +277,14 @@ class NetworkSearch(Search):
         """
         if not self.options.open:
             return self.best_probe()
-        assert self.calm is not None
-        return self.stablest.candidate if self.hardening else self.calm.candidate
+        return self.stablest.candidate
 
     @property
     def stablest(self) -> ScoredCandidate:
-        """The choice under disturbance."""
+        """The choice under disturbance; ``calm`` without any."""
         assert self.calm is not None
-        return choose_stable(self.finalists or self.comparable, self.calm, self.prices)
+        judged = self.finalists or self.comparable
+        return choose_stable(judged, self.calm, self.prices) if self.hardening else self.calm
 
     @property
     def comparable(self) -> list[ScoredCandidate]:
@@ -362,18 +362,13 @@ class NetworkSearch(Search):
         """A request for the network of ``calm`` on each front end with each fit."""
         return self.within_price(self.like_calm(on, fit) for on in front_ends for fit in fits)
 
-    def mark(self) -> None:
-        """Mark ``calm``, and drop the figures under disturbance of candidates out of reach but ``dearest``."""
-        calm = self.calm
-        if calm is None or self.hardening is None:
-            return
-        shown = {one.candidate for one in in_reach(self.tried, calm, self.prices)} | {self.dearest}
-        self.tried = [
-            dataclasses.replace(one, calm=one.candidate == calm.candidate)
-            if one.candidate in shown
-            else dataclasses.replace(one, stress=None, disturbed=None)
-            for one in self.tried
-        ]
+    @property
+    def reported(self) -> list[ScoredCandidate]:
+        """``tried``; candidates out of reach but ``dearest`` without figures under disturbance."""
+        if self.calm is None or self.hardening is None:
+            return self.tried
+        shown = {one.candidate for one in in_reach(self.tried, self.calm, self.prices)} | {self.dearest}
+        return [one if one.candidate in shown else one.under(None, self.rows) for one in self.tried]
 
     def like_calm(self, on: AcceleratorConfig, fit: str = "") -> Candidate | None:
         """The network of ``calm`` on another front end, with another fit."""
@@ -536,11 +531,8 @@ def more_scans(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardeni
 @hardened
 def windows_of_the_touch(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """Sturdy linear cells on windows that divide the touch, on the best gates so far and on the choice's own."""
-    gates: dict[Any, AcceleratorConfig] = {}
-    for scored in [*ahead_of(search), plain]:
-        on = scored.candidate.front_end
-        gates.setdefault((on.rest_level, on.onset_rule, on.sensor.scan_every), on)
-    ends = [*gates.values()][: 2 if search.effort.brief else DIVIDED]
+    gates = by_gate((scored.candidate.front_end for scored in [*ahead_of(search), plain]), scans=True)
+    ends = gates[: 2 if search.effort.brief else DIVIDED]
     return search.within_price(
         search.options.possible(divided, "linear", None, fit)
         for on in ends
@@ -571,13 +563,12 @@ def robust_trees(search: NetworkSearch, plain: ScoredCandidate, hardening: Harde
 @hardened
 def robust_recurrent(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """GRUs trained with failing taxels, on the sturdiest front ends."""
-    gates: dict[Any, AcceleratorConfig] = {}
-    for scored in sorted(search.tried, key=lambda scored: -scored.accuracy):
-        on = scored.candidate.front_end
-        if not on.opens_at_once:
-            gates.setdefault((on.rest_level, on.onset_rule), on)
+    ranked = (
+        scored.candidate.front_end for scored in sorted(search.tried, key=lambda scored: -scored.accuracy)
+    )
+    gates = by_gate(on for on in ranked if not on.opens_at_once)
     threshold = plain.candidate.front_end.onset_rule.onset_threshold
-    sturdiest = sorted(gates.values(), key=lambda gate: hardening.false_onsets(gate, threshold))[:GATES_AHEAD]
+    sturdiest = sorted(gates, key=lambda gate: hardening.false_onsets(gate, threshold))[:GATES_AHEAD]
     ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]
     few = [on for gate in ons for on in hardening.spread(gate) if on.windows.steps == SPREAD[0]]
     units = search.effort.units[-2:]
@@ -594,9 +585,7 @@ def robust_recurrent(search: NetworkSearch, plain: ScoredCandidate, hardening: H
 def ahead_of(search: NetworkSearch) -> list[ScoredCandidate]:
     """Those that lose at most twice CLEAN_LOSS, by their score."""
     assert search.calm is not None
-    return sorted(
-        in_reach(search.tried, search.calm, search.prices, 2 * CLEAN_LOSS), key=lambda one: -one.score
-    )
+    return in_reach(search.tried, search.calm, search.prices, 2 * CLEAN_LOSS)
 
 
 @hardened
@@ -615,10 +604,9 @@ def seeds_under_stress(search: NetworkSearch, plain: ScoredCandidate, _: Hardeni
     """Further seeds of the candidates that are level under disturbance."""
     if search.effort.seeds < 2:
         return Request()
-    ranked = sorted(in_reach(search.tried, plain, search.prices), key=lambda one: -one.score)
-    fewer = [one for one in ranked if len(one.seeds) < len(plain.seeds)]
-    level = [one.candidate for one in fewer if is_level(ranked[0].scores, one.scores)]
-    return Request(level[:AGAIN], search.effort.share, other_seeds=True)
+    level = tied(search.tried, plain, search.prices)
+    fewer = [one.candidate for one in level if len(one.seeds) < len(plain.seeds)]
+    return Request(fewer[:AGAIN], search.effort.share, other_seeds=True)
 
 
 @hardened
@@ -626,8 +614,7 @@ def all_recordings(search: NetworkSearch, plain: ScoredCandidate, hardening: Har
     """The candidates that tie for the best, disturbed on all recordings: with few of them a bound is held or not by chance."""
     if search.effort.brief:
         return Request()
-    ranked = sorted(in_reach(search.comparable, plain, search.prices), key=lambda scored: -scored.score)
-    level = [scored for scored in ranked if is_level(ranked[0].scores, scored.scores)]
+    level = tied(search.comparable, plain, search.prices)
     fewest = sorted(level, key=lambda scored: scored.beyond)
     for scored in {id(scored): scored for scored in [*level[:FINALISTS], *fewest[:FINALISTS]]}.values():
         finalist = scored.under(hardening.stress.whole, search.rows)
@@ -692,10 +679,7 @@ def choose_networks(searches: Sequence[NetworkSearch], settings: CrossValidation
     """
     moves = MOVES if searches[0].options.open else AS_REQUESTED
     search(searches, moves, lambda requests: _judged(requests, searches, settings))
-    chosen = [state.taken for state in searches]
-    for state in searches:
-        state.mark()
-    return chosen
+    return [state.taken for state in searches]
 
 
 def fit_of(one: ScoredCandidate) -> str:

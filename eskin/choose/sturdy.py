@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.choose.candidate import CLEAN_LOSS
-from eskin.choose.front_ends import WHOLE, Screen, block_of, valid, whole
+from eskin.choose.front_ends import WHOLE, Screen, valid, whole, with_hop
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import find_touches
@@ -164,9 +164,8 @@ class Hardening:
         tight clip, and as many scans, twice and four times as many."""
         if self.screen is None or config.windows.window_mode == "touch":
             return []
-        denser = [config]
-        denser += self.denser(config)
-        denser += [on for twice in denser[1:] for on in self.denser(twice)]
+        denser = self.denser(config)
+        denser = [config, *denser, *(on for twice in denser for on in self.denser(twice))]
         found = list[AcceleratorConfig]()
         for base in denser:
             if base.opens_at_once:
@@ -213,7 +212,5 @@ class Hardening:
             for steps in SPREAD:
                 for hop in dict.fromkeys((min(own, longest // (steps + 1)), longest // (steps + 1))):
                     hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
-                    block = block_of(hop) if hop and config.features.activity_block > 1 else 1
-                    windows = dict(hop=hop, window=2 * hop, steps=steps, activity_block=block)
-                    found += [valid(config, feature_kinds=some, **windows)] if hop else []
+                    found += [with_hop(config, hop, steps=steps, feature_kinds=some)] if hop else []
         return [one for one in dict.fromkeys(found) if one]

@@ -163,10 +163,7 @@ def main() -> None:
     except SimulationError as error:
         stop(str(error), 1)
     except ModuleNotFoundError as error:
-        sentence = without_extra(error)
-        if sentence is None:
-            raise
-        stop(sentence, 2)
+        stop(without_extra(error), 2)
     except SystemExit as end:
         if end.code == INTERRUPTED:
             stop(STOPPED, INTERRUPTED)

@@ -82,10 +82,7 @@ def load_recordings(
     try:
         return _load(path, reading, config, progress)
     except ModuleNotFoundError as error:
-        sentence = without_extra(error)
-        if sentence is None:
-            raise
-        raise InputError(f"recordings '{path}': {sentence}") from None
+        raise InputError(f"recordings '{path}': {without_extra(error)}") from None
     except OSError as error:
         why = f"cannot be read ({error.strerror or error}); check the path and its permissions"
         raise InputError(f"recordings '{path}': {why}") from None

@@ -119,13 +119,11 @@ def _fit_solved(
         model = fitted.get(rows.tobytes()) if not recipe.augments else None
         if model is None:
             batches = Batches(data, config, recipe, [rows], generator)
-            if recipe.augments:
-                drawn = [batches.draw() for _ in range(recipe.updates)]
-                features, labels, counts = (
-                    torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True)
-                )
-            else:
-                features, labels, counts = (batch[0].numpy() for batch in batches.recorded())
+            draws = recipe.updates if recipe.augments else 0
+            drawn = [batches.draw() for _ in range(draws)] or [batches.recorded()]
+            features, labels, counts = (
+                torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True)
+            )
             # C weighs the sum of losses over touches. Touches that are drawn several times are no more data,
             # so it is scaled back.
             penalty = recipe.penalty * len(rows) / len(labels)
@@ -133,22 +131,20 @@ def _fit_solved(
             counts = np.r_[counts, np.arange(config.windows.steps) < ends[:, None]]
             features, labels = np.r_[features, features[again]], np.r_[labels, labels[again]]
             mu, sigma = batches.scales[0]
+            sized = config
             if config.is_forest:
                 sized, arrays = fit_forest(config, features, counts, labels, generator.initial_seed())
-                models.append(FloatModel(sized, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)}))
-                fitted[rows.tobytes()] = models[-1]
-                progress(number + 1, len(parts))
-                continue
-            features = features * counts[..., None]  # a step that was not recorded adds nothing
-            if recipe.sturdy:
-                arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
-            elif recipe.averaged:
-                arrays = fit_average(config, features, labels, len(again), penalty, recipe.ridge)
-            elif recipe.squares:
-                arrays = fit_least_squares(config, features, labels, len(again), recipe.ridge)
             else:
-                arrays = fit_linear(config, features, labels, penalty)
-            model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
+                features = features * counts[..., None]  # a step that was not recorded adds nothing
+                if recipe.sturdy:
+                    arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
+                elif recipe.averaged:
+                    arrays = fit_average(config, features, labels, len(again), penalty, recipe.ridge)
+                elif recipe.squares:
+                    arrays = fit_least_squares(config, features, labels, len(again), recipe.ridge)
+                else:
+                    arrays = fit_linear(config, features, labels, penalty)
+            model = FloatModel(sized, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
             fitted[rows.tobytes()] = model
         models.append(model)
         progress(number + 1, len(parts))

@@ -129,7 +129,7 @@ def _trained_on(
     model: FloatModel, record: Training, recordings: Recordings, progress: Progress, widths: Record
 ) -> tuple[IntegerModel, dict[str, Range]]:
     """The integers of the network after further training, and its ranges before that."""
-    check_widths(model.config, **widths)
+    check_widths(model.config, widths)
     check_fit(recordings, model.config)
     recipe = noted_recipe(record, model.config)
     data, seed = find_dataset(recordings, model.config, recipe), record.seed

@@ -320,33 +320,23 @@ class IntegerNetwork(torch.nn.Module):
         ]
 
 
-def check_widths(
-    config: AcceleratorConfig,
-    weight_bits: int | None = None,
-    state_bits: int | None = None,
-    feature_bits: int | None = None,
-    gate_bits: int | None = None,
-    table_entries: int | None = None,
-) -> None:
-    """Refuse widths that no network can have, before any work.
+def check_widths(config: AcceleratorConfig, widths: Record) -> None:
+    """Refuse widths that no network can have, before any work. widths: parameters of `choose_formats`.
 
     Raises
     ------
     InputError
         Naming the field and the widths it can have.
     """
-    for field, bits, lowest in (
-        ("weight_format", weight_bits, 2),
-        ("feature_format", feature_bits, 4),
-        ("state_format", state_bits, 6),
-    ):
+    for name, lowest in (("weight", 2), ("feature", 4), ("state", 6)):
+        bits = widths.get(f"{name}_bits")
         if bits is not None and not lowest <= bits <= 16:
-            raise InputError(f"quantisation, field {field}: {bits} bits were requested; use {lowest} to 16")
-    config.replace(
-        gate_frac=config.formats.gate_frac if gate_bits is None else gate_bits,
-        feature_shift=(),
-        table_entries=config.formats.table_entries if table_entries is None else table_entries,
-    )
+            raise InputError(
+                f"quantisation, field {name}_format: {bits} bits were requested; use {lowest} to 16"
+            )
+    fields = {"gate_frac": widths.get("gate_bits"), "table_entries": widths.get("table_entries")}
+    given = {name: value for name, value in fields.items() if value is not None}
+    config.replace(feature_shift=(), **given)
 
 
 def choose_formats(
@@ -385,7 +375,6 @@ def choose_formats(
     InputError
         When no format of these widths works.
     """
-    check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     if not config.recurrent:
         feature = covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
         feature = QFormat(
@@ -536,9 +525,10 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     0). Weights of fewer than WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may
     saturate.
     """
+    check_widths(model.config, widths)
     mu, sigma = model.arrays["mu"], model.arrays["sigma"]
     bits = widths.get("weight_bits") or WEIGHT_BITS
-    if 2 <= bits < WEIGHT_BITS and not model.config.is_forest:  # fewer than 2 are refused by choose_formats
+    if bits < WEIGHT_BITS and not model.config.is_forest:
         ranges = dict(ranges) | _closest_ranges(model, bits)
     # presets keep their formats bit for bit: published figures were made with them
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None

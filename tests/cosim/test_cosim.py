@@ -17,7 +17,7 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.results import Cycles
 from eskin.cosim.simulation import Simulation
-from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
+from eskin.golden.core import AcceleratorConfig, InputError, SimulationError
 from eskin.golden.model import Fixed, IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.host import control
@@ -30,7 +30,7 @@ from eskin.verbs.cosim import cosimulate
 from eskin.verbs.generate import generate_design
 from tests.support.generated_bench import flip, make
 from tests.support.random_models import random_integer_model
-from tests.support.small_designs import SMALL
+from tests.support.small_designs import SMALL, WIDE
 
 COSIM = Path(flow.__file__).parent
 BUILDS = Path("build/simulators")
@@ -156,16 +156,6 @@ def at_the_ends(config: AcceleratorConfig) -> IntegerModel:
 
 FEW = SMALL.replace(hop=60, window=121, touch_frames=240, steps=3, lanes=16)
 """Windows are so long that no step holds a frame up: the frame's own time is measured."""
-WIDE = SMALL.replace(
-    taxels=6,
-    hidden=5,
-    weight_format=QFormat(3, 13),
-    recurrent_format=QFormat(4, 12),
-    dense_format=QFormat(3, 13),
-    feature_format=QFormat(3, 11),
-    state_format=QFormat(2, 14),
-    logit_format=QFormat(6, 10),
-)
 LARGE = SMALL.replace(hop=4, window=8, touch_frames=16, steps=3, sample_rate_hz=100.0, lanes=4, taxels=256)
 MOVING = dict(rest="tracked", rest_frames=4, onset="baseline", onset_mean_frames=8, onset_check_frames=4)
 CLASSES = tuple(f"class {k}" for k in range(128))

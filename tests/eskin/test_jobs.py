@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
 
 from eskin.golden.core import InputError
-from eskin.jobs import Jobs
+from eskin.jobs import Jobs, beside
 from eskin.memo import Memo
 from scripts import ROOT
 from tests.support.table import each_row, refused
@@ -78,6 +79,14 @@ def test_what_is_kept_is_not_done_again(tmp_path):
 def test_a_worker_that_dies_is_told_in_a_sentence():
     with refused("a worker process ended"):
         Jobs(workers=2).results(times, {"a": "die", "b": 1}, 7)
+
+
+def test_a_call_beside_gives_its_result_or_its_error():
+    with beside(times, 7, 6) as result:
+        assert result() == {"product": 42}
+    for piece, error in (("bad", InputError), ("die", BrokenExecutor)):
+        with beside(times, 7, piece) as result, pytest.raises(error):
+            result()
 
 
 @pytest.mark.slow

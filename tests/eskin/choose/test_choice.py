@@ -2,6 +2,8 @@
 a fold is seen by what is chosen for it."""
 
 import json
+from concurrent.futures import BrokenExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -22,7 +24,7 @@ from eskin.training.splits import over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import by_person, gripped_recordings
 from tests.support.prices import priced
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 
 FEW = {"folds": 2, "seeds": 1}
 
@@ -34,7 +36,7 @@ def gripped() -> Recordings:
 
 def trained(recordings, asked, tmp_path, **options):
     request = TrainingSettings(out=tmp_path / "m", **{**FEW, **options})
-    return train_chosen(recordings, asked, priced(), request)
+    return train_chosen(recordings, asked, priced(), request, progress=Mock())
 
 
 # ---------------------------------------------------------------------- training what was chosen
@@ -90,9 +92,17 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     assert not {"candidates", "front_end"} & record.plain().keys()
 
 
-def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(quick, tmp_path):
+@each_row("lives", [True, False])
+def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(
+    quick, monkeypatch, tmp_path, lives
+):
     """In each of three sessions the sensor sits elsewhere: three classes are told apart there, and one session
-    tells little of the next."""
+    tells little of the next. Another process says so as long as it lives."""
+    monkeypatch.setattr(choosing, "BESIDE", 0)
+    if lives:
+        monkeypatch.setattr(choosing, "judge", None)
+    else:
+        monkeypatch.setattr(choosing, "beside", lambda *_: nullcontext(Mock(side_effect=BrokenExecutor)))
     rng = np.random.default_rng(7)
     labels, session = np.tile(np.arange(3), 18), np.repeat(np.arange(3), 18)
     patterns = rng.normal(0, 40, (3, 5)) + rng.normal(0, 80, (3, 3, 5))

@@ -144,12 +144,7 @@ def test_idle_toggles_are_what_two_runs_differ_by():
         "toggles": {"cell": 400, "classifier": 40, "ring": 600},
         "multiplies": 300,
     }
-    slow = {
-        "cycles": 3000,
-        "busy": 1928,
-        "toggles": {"cell": 410, "classifier": 40, "ring": 4590},
-        "multiplies": 300,
-    }
+    slow = full | {"cycles": 3000, "busy": 1928, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}}
     counts = dict(frames=60, touch_frames=24, steps=4, step_cycles=77, quiet_frame_cycles=19, recordings=1)
     activity = counted_activity(full, slow, **counts)
     steps = (activity.step_cycles, activity.step_toggles, activity.step_multiplies)

@@ -15,16 +15,19 @@ from tests.support.prices import priced
 from tests.support.table import each_row, refused
 
 
+def some(archive, count) -> Recordings:
+    recordings = load_recordings(archive / "recordings.npz")
+    return recordings.subset(recordings.evenly(count))
+
+
 @pytest.fixture(scope="module")
 def pvdf(shared_data) -> Recordings:
-    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
-    return recordings.subset(recordings.evenly(50))
+    return some(shared_data / "pvdf_indent", 50)
 
 
 @pytest.fixture(scope="module")
 def fabric(shared_data) -> Recordings:
-    recordings = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
-    return recordings.subset(recordings.evenly(120))
+    return some(shared_data / "fabric_slide", 120)
 
 
 def cut(recordings: Recordings, *, taxels=None, decimate=1, shift=0, begin=0, end=None) -> Recordings:

@@ -15,20 +15,15 @@ from eskin.golden.model import (
 from eskin.training.formats import normaliser_constants
 from eskin.training.made_up import random_recordings
 from eskin.training.stage_error import STAGES, logit_error, stage_errors
-from tests.support.small_designs import SMALL
+from tests.support.small_designs import WIDE
 from tests.support.table import each_row
 
-WIDE = SMALL.replace(
-    taxels=6,
-    hidden=5,
-    weight_format=QFormat(3, 13),
+FINE = WIDE.replace(
     recurrent_format=QFormat(3, 13),
-    dense_format=QFormat(3, 13),
     bias_format=QFormat(3, 13),
     dense_bias_format=QFormat(3, 13),
     feature_format=QFormat(5, 11),
     state_format=QFormat(4, 11),
-    logit_format=QFormat(6, 10),
     table_entries=1024,
     gate_frac=14,
 )
@@ -45,7 +40,7 @@ COARSE = {
 
 def models(cell: str, reset: str, **formats) -> tuple[FloatModel, IntegerModel, Touches]:
     """A random network, its integers in the formats asked for, and touches."""
-    config = WIDE.replace(cell=cell, reset=reset, **formats)
+    config = FINE.replace(cell=cell, reset=reset, **formats)
     rng = np.random.default_rng(5)
     arrays = {
         name: rng.normal(0, 1.5 * shape[-1] ** -0.5, shape)

@@ -3,18 +3,13 @@ its behaviour."""
 
 import random
 import re
-import tempfile
-from pathlib import Path
 
-from amaranth.back import rtlil
-
-from eskin.rtl.common import OnePortMemory, without_contents
+from eskin.rtl.common import OnePortMemory
 from eskin.rtl.common.memory_style import LARGE_WORDS
 from eskin.rtl.engine.sb_mac16 import ICE40
-from eskin.rtl.fpga.tools import run_tool
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
-from tests.support.vendor_cells import BUILD, run_bench
+from tests.support.vendor_cells import run_bench, verilog_of
 
 WORDS, ACCESSES = LARGE_WORDS, 3000
 
@@ -95,14 +90,7 @@ endmodule
 def test_on_the_vendor_s_cell_and_as_verilog_with_unknown_contents(tmp_path, platform, broken):
     """``broken``: the bytes change places; the bench must see it."""
     dut = OnePortMemory(WORDS - broken)
-    with tempfile.TemporaryDirectory(dir=BUILD) as folder:
-        text = without_contents(rtlil.convert(dut, name="block", platform=platform, emit_src=False))
-        (Path(folder) / "block.il").write_text(text)
-        (Path(folder) / "block.ys").write_text(
-            "read_rtlil block.il\nproc -norom\nopt_clean\nmemory_collect\nwrite_verilog -noattr block.v\n"
-        )
-        run_tool("yosys", ["-q", "block.ys"], Path(folder))
-        block = (Path(folder) / "block.v").read_text()
+    block = verilog_of(dut, "block", platform)
     assert ("SB_SPRAM256KA" in block) == (platform == ICE40)
     bench = BENCH.replace("@LAST@", str(ACCESSES - 1))
     if broken:

@@ -48,8 +48,8 @@ class Counter(wiring.Component):
 class Product(wiring.Component):
     """One block: a product in a register."""
 
-    def __init__(self) -> None:
-        super().__init__({"a": In(16), "total": Out(32)})
+    a: In(16)
+    total: Out(32)
 
     def elaborate(self, platform):
         m = Module()
@@ -61,8 +61,9 @@ class Tiny(wiring.Component):
     """What stands for the accelerator in its harness: a block that counts and one that multiplies behind the
     border, a shift register in front of it."""
 
-    def __init__(self) -> None:
-        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+    shift_in: In(1)
+    capture: In(1)
+    shift_out: Out(1)
 
     def elaborate(self, platform):
         m = Module()

@@ -26,6 +26,13 @@ from tests.support.stream_bench import play, values
 from tests.support.table import each_row
 
 
+def sums_are_exact(config, seen, **pace):
+    """What `play` gives."""
+    played = play(WindowAverager(config), window_beats(config, seen), **pace)
+    assert values(played[0]) == sum_beats(config, seen)
+    return played
+
+
 @examples(25, 500)
 @given(
     taxels=st.sampled_from([4, 1, 2, 3]),
@@ -49,13 +56,7 @@ def test_any_touch_window(taxels, hop, odd, steps, extra, clip, seed):
     deviations[:last] = rng.choice([-bound, bound])
     touches, masked = [(0, 1, last), (0, last + 1, 2 * last)], rng.integers(0, 2, (2 * last, taxels))
     seen = SimpleNamespace(values=deviations, touches=touches, masked=masked)
-    out, _ = play(
-        WindowAverager(config),
-        window_beats(config, seen),
-        stalls=(0.2 * (seed % 2), 0.2 * (seed % 3 > 0)),
-        seed=seed,
-    )
-    assert values(out) == sum_beats(config, seen)
+    sums_are_exact(config, seen, stalls=(0.2 * (seed % 2), 0.2 * (seed % 3 > 0)), seed=seed)
 
 
 @examples(15, 300)
@@ -71,13 +72,7 @@ def test_any_free_window(taxels, hop, steps, clip, seed):
     config = AcceleratorConfig.of(**(BASE | TRACKED | FREE | sizes))
     seen, bound = detect(config, make_stream(config, 120, seed=seed)), config.deviation_bound
     seen.values[:] = np.random.default_rng(seed).choice([-bound, 0, bound], seen.values.shape)
-    out, _ = play(
-        WindowAverager(config),
-        window_beats(config, seen),
-        stalls=(0.2 * (seed % 2), 0.2 * (seed % 3 > 0)),
-        seed=seed,
-    )
-    assert values(out) == sum_beats(config, seen)
+    sums_are_exact(config, seen, stalls=(0.2 * (seed % 2), 0.2 * (seed % 3 > 0)), seed=seed)
 
 
 @each_row("name", ["three end together", "short first window"])
@@ -90,8 +85,7 @@ def test_latency_and_full_rate(name):
         values=np.random.default_rng(1).integers(-9, 9, (2 * last, taxels)),
         touches=[(0, 1, last), (0, last + 1, 2 * last)],
     )
-    out, accepted = play(WindowAverager(config), window_beats(config, seen))
-    assert values(out) == sum_beats(config, seen)
+    out, accepted = sums_are_exact(config, seen)
     cycle, beats, sums = 0, [], []
     for frame in list(range(1, last + 1)) * 2:
         costs = [1 + (frame - 1) // hop - k for k, (_, end) in enumerate(config.window_spans) if end == frame]

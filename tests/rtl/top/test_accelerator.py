@@ -29,21 +29,18 @@ from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, bus_accesses, give_frame, unpack, values, write_all
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
+COMMON = {"taxels": 5, "hidden": 5, "steps": 4, "sample_bits": 12}
 
 
 def small(**changes) -> AcceleratorConfig:
     """5 taxels, thesis rules, short touches."""
-    sizes = {
-        "taxels": 5,
-        "hidden": 5,
-        "steps": 4,
+    sizes = COMMON | {
         "hop": 9,
         "window": 19,
         "touch_frames": 40,
         "pretrigger_frames": 4,
         "band_low": 900,
         "band_high": 1100,
-        "sample_bits": 12,
         "rearm_frames": 20,
         "lanes": 2,
         "decision": "vote",
@@ -54,10 +51,7 @@ def small(**changes) -> AcceleratorConfig:
 
 def tracked(**changes) -> AcceleratorConfig:
     """5 taxels, tracked baseline, free-running hops."""
-    sizes = {
-        "taxels": 5,
-        "hidden": 5,
-        "steps": 4,
+    sizes = COMMON | {
         "hop": 10,
         "window": 20,
         "rest_frames": 8,
@@ -65,7 +59,6 @@ def tracked(**changes) -> AcceleratorConfig:
         "onset_mean_frames": 8,
         "onset_check_frames": 4,
         "onset_threshold": 12,
-        "sample_bits": 12,
         "rearm_frames": 12,
         "lanes": 3,
         "class_names": ("a", "b", "c"),
