@@ -11,12 +11,14 @@ import contextlib
 import os
 import pickle
 import signal
+import tempfile
 import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from joblib import Parallel, delayed, parallel_config
@@ -158,18 +160,20 @@ def beside(function: Callable[..., Any], *arguments: Any) -> Iterator[Callable[[
     BrokenExecutor
         When waiting: the process died. Errors of the call are raised there, too.
     """
-    # joblib would stay in this process with one worker
-    begun = _begun(2, [delayed(_call)(pickle.dumps((function, arguments)))])
-    try:
-        yield lambda: next(begun)
-    finally:
-        with warnings.catch_warnings(action="ignore"):  # of a call that is ended
-            begun.close()
+    with tempfile.NamedTemporaryFile() as file:  # a pipe would hold all of it once more
+        pickle.dump(partial(function, *arguments), file)
+        file.flush()
+        begun = _begun(2, [delayed(_call)(file.name)])  # joblib would stay in this process with one worker
+        try:
+            yield lambda: next(begun)
+        finally:
+            with warnings.catch_warnings(action="ignore"):  # of a call that is ended
+                begun.close()
 
 
-def _call(pickled: bytes) -> Any:
-    function, arguments = pickle.loads(pickled)
-    return function(*arguments)
+def _call(path: str) -> Any:
+    with open(path, "rb") as file:
+        return pickle.load(file)()
 
 
 # ---------------------------------------------------------------------- a cluster

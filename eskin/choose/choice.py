@@ -414,8 +414,8 @@ def unseen_by_split(
     begins at once with the plan's split."""
 
     here = partial(unseen, plan, settings, search_options)
-    chosen = plan.screened or search_options.open
-    if not (chosen and settings.folds) or len(settings.recordings) < BESIDE:
+    chosen = settings.folds and (plan.screened or search_options.open)
+    if not chosen or len(settings.recordings) < BESIDE:
         yield here
         return
     silent = dataclasses.replace(settings, progress=None)

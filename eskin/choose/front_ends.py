@@ -5,7 +5,7 @@ Candidates come from the recordings (`eskin.training.derive` measures noise, sig
 presets of the same sensor. Each is judged by a linear classifier on the features that the INTEGER front end
 gives, normaliser included, on recordings that the classifier has not seen:
 
-- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once, and the
+- *classifier*: ridge regression of the classes' indicators on all windows of a touch at once, and the
   linear discriminants of its values. The penalty of a fold is the one of PENALTIES that does best on the
   OTHER folds. The normaliser's mean and scale come from all recordings looked at, without labels. If
   recordings end before the last window, the classifier also learns from copies of others that are cut short.
@@ -93,11 +93,10 @@ KEPT_BYTES = 3 << 28
 
 
 # ---------------------------------------------------------------------- the classifier
-def gram_of(x: np.ndarray) -> np.ndarray:
-    """(n, n): products of the rows of ``x`` (n, features), to which a constant 3 is appended as the bias
-    input."""
-    # 3 and not 1: the bias then has a smaller weight, so the penalty hardly affects it
-    return x @ x.T + 9.0
+def turned(x: np.ndarray) -> np.ndarray:
+    """(n, at most n): ``x`` (n, features), turned if it has more columns than rows. Products of rows stay, and a ridge
+    regression sees these alone."""
+    return x if x.shape[1] <= len(x) else np.transpose(np.linalg.qr(x.T, mode="r"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,13 +112,13 @@ class KnownDecider:
 
 @dataclass(frozen=True, eq=False)
 class RidgeLearner:
-    """Kernel ridge regression, as the module describes it, in float.
+    """Ridge regression, as the module describes it, in float.
 
-    gram: (n, n) of ``gram_of``, of n rows of features. owner: (n) recording of each row; the first row of a recording
+    x: n rows of features, perhaps `turned`. owner: (n) recording of each row; the first row of a recording
     is its touch, further ones are copies of it, cut short, and serve for learning only. labels: of all recordings.
     """
 
-    gram: np.ndarray
+    x: np.ndarray
     owner: np.ndarray
     labels: np.ndarray
     classes: int
@@ -127,7 +126,7 @@ class RidgeLearner:
     @classmethod
     def on(cls, x: np.ndarray, labels: np.ndarray, classes: int) -> RidgeLearner:
         """On one row of features for each recording."""
-        return cls(gram_of(x), np.arange(len(x)), labels, classes)
+        return cls(x, np.arange(len(x)), labels, classes)
 
     def fit(
         self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
@@ -135,24 +134,21 @@ class RidgeLearner:
         """As `eskin.training.judge.Learner.fit`. The penalty for a part is the one that does best on what the other
         parts leave out."""
         recordings, touch = np.unique(self.owner, return_index=True)
-        labels, count = self.labels[self.owner], len(self.labels)
-        targets = np.eye(self.classes)[labels]
-        unit = float(np.trace(self.gram)) / max(len(labels), 1)
-        decided = np.full((len(parts), len(PENALTIES), count), -1)
+        targets = np.eye(self.classes)[self.labels[self.owner]]
+        # the bias input is 3 and not 1: the bias then has a smaller weight, so the penalty hardly affects it
+        inputs = turned(np.insert(self.x, 0, 3.0, axis=1))
+        unit = (inputs**2).sum() / max(len(targets), 1)
+        decided = np.full((len(parts), len(PENALTIES), len(self.labels)), -1)
         for number, part in enumerate(parts):
-            known = np.zeros(count, dtype=bool)
-            known[part] = True
-            train, left_out = np.flatnonzero(known[self.owner]), ~known[recordings]
-            rest = touch[left_out]
-            if not len(train):
+            train, left_out = np.isin(self.owner, part), ~np.isin(recordings, part)
+            if not train.any():
                 continue
-            within, across = self.gram[np.ix_(train, train)], self.gram[np.ix_(rest, train)]
-            penalised = within + unit * np.reshape(PENALTIES, (-1, 1, 1)) * np.eye(len(train))
-            weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
-            turn, bias = discriminants(within @ weights, targets[train])
-            decided[number][:, recordings[left_out]] = (across @ weights @ turn + bias[:, None]).argmax(
-                axis=2
-            )
+            x, y = inputs[train], targets[train]
+            penalised = x.T @ x + unit * np.reshape(PENALTIES, (-1, 1, 1)) * np.eye(x.shape[1])
+            weights = solve(penalised, x.T @ y, assume_a="pos", check_finite=False)
+            turn, bias = discriminants(x @ weights, y)
+            values = inputs[touch[left_out]] @ weights @ turn + bias[:, None]
+            decided[number][:, recordings[left_out]] = values.argmax(axis=2)
         right = (decided == self.labels).sum(axis=2)
         best = (right.sum(axis=0) - right).argmax(axis=1)
         return [KnownDecider(decided[number, row]) for number, row in enumerate(best)]
@@ -180,8 +176,8 @@ class EstimatorLearner:
             if train.any() and len(rest):
                 x, known = self.x[train], labels[train]
                 several = len(np.unique(known)) > 1
-                model = self.make().fit(x, known) if several else None
-                decided[self.owner[rest]] = model.predict(self.x[rest]) if model else known[0]
+                found = self.make().fit(x, known).predict(self.x[rest]) if several else known[0]
+                decided[self.owner[rest]] = found
             deciders.append(KnownDecider(decided))
         return deciders
 
@@ -189,8 +185,8 @@ class EstimatorLearner:
 def correct_without(tests: Sequence[Rows], learner: Learner, labels: np.ndarray) -> np.ndarray:
     """(recordings) 1 where ``learner`` decides correctly when each of ``tests`` is left out in turn."""
     everything = np.arange(len(labels))
-    decisions = judge(learner, folds_of(tests, [0], everything), labels)
-    return decisions.correct.reindex(everything, fill_value=0.0).to_numpy()
+    correct = judge(learner, folds_of(tests, [0], everything), labels).correct
+    return correct.reindex(everything, fill_value=0.0).to_numpy()
 
 
 def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
@@ -287,8 +283,8 @@ class Screen:
         np.add.at(table, (quarters, labels), 1)
         others = table[quarters]
         others[np.arange(len(rows)), labels] -= 1
-        told = float((others.argmax(axis=1) == labels).mean())
-        return told > table.sum(axis=0).max() / len(rows) + LENGTH_TELLS
+        right = (others.argmax(axis=1) == labels).mean()
+        return bool(right > table.sum(axis=0).max() / len(rows) + LENGTH_TELLS)
 
     def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
         """(recordings with a completed window, their features), followed by copies of some of them that are
@@ -310,7 +306,7 @@ class Screen:
         """Judge one front end, leaving out ``tests`` in turn."""
         owner, x = self.features(config)
         labels, classes = self.recordings.labels, len(self.recordings.class_names)
-        return screened(config, RidgeLearner(gram_of(x), owner, labels, classes), tests)
+        return screened(config, RidgeLearner(x, owner, labels, classes), tests)
 
     def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
         """Candidates with means alone. For each gate: all windows, first those of the longest touch that
@@ -328,10 +324,14 @@ class Screen:
                 by_gate.append([single.replace(**windows) for windows in sets])
                 held = np.zeros(len(recordings), dtype=np.int64)
                 held[touches.recording] = recordings.lengths[touches.recording] - touches.onset_frame
-                for config in (config for config in by_gate[-1] if config.last_frame > ends[0]):
-                    self._quarters[config] = 4 * np.minimum(held, config.last_frame) // config.last_frame
-        names = [name for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
-        return by_gate + [[for_recordings(PRESETS[name], recordings, name=name)] for name in names]
+                for config in by_gate[-1]:
+                    if config.last_frame > ends[0]:
+                        self._quarters[config] = 4 * np.minimum(held, config.last_frame) // config.last_frame
+        return by_gate + [
+            [for_recordings(PRESETS[name], recordings, name=name)]
+            for name in CONVERTERS
+            if fits_sensor(PRESETS[name], recordings)
+        ]
 
     def knee(self, config: AcceleratorConfig) -> int:
         """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below
@@ -366,14 +366,14 @@ class FrontEnds:
             self.scales = ("array", "taxel") if uneven <= UNEVEN**2 else ("taxel",)
             trial = "is tried first" if len(self.scales) > 1 else "is the only one tried"
             self.reasons.append(f"taxels differ by {uneven:.3g} in range, so one scale per taxel {trial}")
-        of_one = recordings.frames * recordings.taxels / len(recordings)
-        most = max(8 * len(recordings.class_names), int(JUDGED_SAMPLES / of_one))
+        most = JUDGED_SAMPLES * len(recordings) // (recordings.frames * recordings.taxels)
+        most = max(8 * len(recordings.class_names), most)
         self.looked_at = recordings.evenly(min(len(recordings), JUDGED_ON, most))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)
         self.screen = Screen(self.recordings, int(recordings.lengths.max()))
         self.progress = progress
-        self._grams: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
+        self._features: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
     def by_gate(self) -> list[list[AcceleratorConfig]]:
@@ -384,18 +384,17 @@ class FrontEnds:
         """The sampled recordings that represent a part of the archive."""
         return self.inside[np.isin(self.looked_at[self.inside], numbers)]
 
-    def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(places in ``rows`` of recordings with a completed window, their ``gram_of``), from
+    def features(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(places in ``rows`` of recordings with a completed window, their features, perhaps `turned`), from
         `Screen.features`. The values that parts need are cached."""
-        if config in self._grams and len(rows) <= len(self.inside):
-            touched, gram = self._grams[config]
+        if config in self._features and len(rows) <= len(self.inside):
+            touched, x = self._features[config]
         else:
             touched, x = self.screen.features(config)
-            gram = gram_of(x)
             held = np.isin(touched, self.inside)
-            self._grams[config] = touched[held], gram[np.ix_(held, held)].astype(np.float32)
+            self._features[config] = touched[held], turned(x[held]).astype(np.float32)
         seen = np.isin(touched, rows)
-        return np.searchsorted(rows, touched[seen]), gram[np.ix_(seen, seen)].astype(float)
+        return np.searchsorted(rows, touched[seen]), x[seen].astype(float)
 
 
 # ---------------------------------------------------------------------- the search
@@ -427,10 +426,10 @@ class FrontEndSearch(Search):
 
     def judge(self, config: AcceleratorConfig) -> ScoredCandidate:
         """Cross-validate a front end."""
-        owner, gram = self.front_ends.gram(config, self.rows)
+        owner, x = self.front_ends.features(config, self.rows)
         recordings = self.front_ends.recordings
         labels, classes = recordings.labels[self.rows], len(recordings.class_names)
-        return screened(config, RidgeLearner(gram, owner, labels, classes), self.folds)
+        return screened(config, RidgeLearner(x, owner, labels, classes), self.folds)
 
     def ranked(self, configs: Iterable[AcceleratorConfig] | None = None) -> list[ScoredCandidate]:
         """Front ends that were judged, best first. configs: None: all."""
@@ -470,9 +469,9 @@ def kinds_of_feature(search: FrontEndSearch) -> Request:
 
 def windows_of_the_touch(search: FrontEndSearch) -> Request:
     """Means of windows that divide the whole touch, on the best SURVIVORS gates."""
-    longest = search.front_ends.screen.longest
     gates = by_gate(scored.candidate.front_end for scored in search.ranked(search.near()))
-    return _screened(config for at in gates[:SURVIVORS] for config in whole(at, longest))
+    screen = search.front_ends.screen
+    return _screened(config for at in gates[:SURVIVORS] for config in whole(at, screen.longest))
 
 
 def kinds_of_the_touch(search: FrontEndSearch) -> Request:
@@ -640,8 +639,12 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
     """The best with all windows of its gate, and with other thresholds."""
     tried: list[AcceleratorConfig | None] = []
     if best.windows.window_mode == "free":
-        for config in (config for configs in by_gate if _same_gate(configs[0], best) for config in configs):
-            tried.append(with_hop(best, config.windows.hop, steps=config.windows.steps))
+        tried += [
+            with_hop(best, config.windows.hop, steps=config.windows.steps)
+            for configs in by_gate
+            if _same_gate(configs[0], best)
+            for config in configs
+        ]
     if best.onset_rule.onset == "baseline":
         threshold = best.onset_rule.onset_threshold
         tried += [valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]

@@ -87,7 +87,7 @@ def pairs_of_taxels(config: AcceleratorConfig, seed: int) -> tuple[np.ndarray, n
     pairs = np.array(np.triu_indices(len(live), 1))
     count = pairs.shape[1] * config.windows.steps * config.kinds
     drawn = np.random.default_rng(seed).permutation(count)[:MOST_PAIRS]
-    place, pair = np.divmod(drawn, max(1, pairs.shape[1]))
+    place, pair = np.divmod(drawn, pairs.shape[1])
     window, kind = np.divmod(place, config.kinds)
     first, second = window * config.inputs + config.kinds * live[pairs[:, pair]] + kind
     return first, second
@@ -119,7 +119,11 @@ def fit_forest(
     columns = np.arange(inputs.shape[1])
     inputs = np.concatenate([inputs, inputs[:, first] - inputs[:, second]], axis=1)
     fitted = RandomForestClassifier(
-        forest.trees, max_depth=forest.depth, max_leaf_nodes=MOST_NODES // forest.trees + 1, random_state=seed
+        forest.trees,
+        max_depth=forest.depth,
+        max_leaf_nodes=MOST_NODES // forest.trees + 1,
+        random_state=seed,
+        n_jobs=-1,
     )
     trees = Trees.of(fitted.fit(inputs, labels))
     operands = np.concatenate([columns, first]), np.concatenate([columns, second])

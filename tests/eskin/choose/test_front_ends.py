@@ -86,7 +86,7 @@ BASE = TRACKED.replace(
 
 
 # ---------------------------------------------------------------------- the judge
-@each_row("width", [8, 70])  # few features: normal equations; more than recordings: the inverse for all folds
+@each_row("width", [8, 70])  # few features; more than recordings, which are turned
 def test_ridge_regression_is_fitted_again_for_every_fold(width):
     rng = np.random.default_rng(0)
     labels = np.arange(60) % 3

@@ -15,8 +15,8 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
     columns that stay take nothing, a short one is made of LUTs; few bits become flip-flops unless a block is asked for."""
 
     class Small(wiring.Component):
-        def __init__(self):
-            super().__init__({"i": In(5), "o": Out(9)})
+        i: In(5)
+        o: Out(9)
 
         def elaborate(self, platform):
             m = Module()
