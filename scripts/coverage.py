@@ -122,9 +122,8 @@ def page(merged: dict[str, Any]) -> str:
     from scripts.mutants import Scope
 
     table = pd.DataFrame(merged["bins"])
-    missing, closed = table[(table.tests.str.len() == 0) & (table.never == "")], {}
-    for cross in CROSSES:
-        closed[cross.name] = f"{share(table[table.cross == cross.name].to_dict('records')):.0%}"
+    missing = table[(table.tests.str.len() == 0) & (table.never == "")]
+    closed = {name: f"{share(rows.to_dict('records')):.0%}" for name, rows in table.groupby("cross")}
     planned = pd.DataFrame(plan()).fillna("")
     broken = {file: _files(tests) for file, tests in Scope.load(ROOT).tests.items()}
     planned["files of make mutants"] = [
@@ -143,8 +142,9 @@ def page(merged: dict[str, Any]) -> str:
             f"<h3>{cross.name} (section {cross.section}): {closed[cross.name]}</h3><p>{cross.reason}</p>",
             f"<details><summary>{len(bins)} bins</summary>{_table(bins)}</details>",
         ]
-    head = '<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-    return f"{head}<title>Coverage</title><style>{STYLE.read_text()}</style>{''.join(parts)}"
+    head = '<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Coverage</title>'
+    wide = f"{STYLE.read_text()} body {{ max-width: 96vw }} td {{ min-width: 9em; overflow-wrap: anywhere }}"
+    return f"{head}<style>{wide}</style>{''.join(parts)}"
 
 
 def _table(frame: Any) -> str:
@@ -179,7 +179,7 @@ def main(minutes: float = 0) -> None:
         MERGED.unlink(missing_ok=True)
     rounds = itertools.chain(ROUNDS, itertools.repeat(["--hypothesis-profile=long", *DESIGNS]))
     while (left := end - time.monotonic()) > 0 and share(read()["bins"]) < REQUIRED:
-        command = [sys.executable, "-m", "pytest", "-q", "-n2", *next(rounds)]
+        command = [sys.executable, "-m", "pytest", "-n2", *next(rounds)]
         running = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
         try:
             if running.wait(left):
