@@ -389,12 +389,12 @@ def report(root: Path, count: int, seed: int, only: str = "") -> bool:
     """Judge and print the result as Markdown, which is kept but for ``only``: score, by kind, by file,
     survivors. False below the required score, or where a named fault is not found by a comparison."""
     rows = judge(root, count, seed, only)
+    if rows.empty:
+        sys.exit(f"--only {only}: is in the path of no file that is broken")
     named, outcome = rows["kind"] == "named", rows["outcome"]
     score = (outcome[~named & (outcome != "equivalent")] != "survived").mean()
-    compared = (rows["compared"] & ~named).sum()
-    text = (
-        f"# Mutants: {score:.1%} killed (seed {seed}), {compared} by a comparison; required {REQUIRED:.0%}\n"
-    )
+    found = f"{score:.1%} killed (seed {seed}), {(rows['compared'] & ~named).sum()} by a comparison"
+    text = f"# Mutants: {found}; required {REQUIRED:.0%}\n"
     for by in ("kind", "file"):
         text += f"\n```\n{pd.crosstab(rows[by], outcome)}\n```\n"
     shown = rows[outcome.isin(["survived", "equivalent"]) | (named & ~rows["compared"])]
