@@ -150,8 +150,8 @@ def _on_cores(workers: int, function: Function, shared: Any, pieces: Record) -> 
 
 @contextlib.contextmanager
 def beside(function: Callable[..., Any], *arguments: Any) -> Iterator[Callable[[], Any]]:
-    """Begin a call in another process, in one thread. Yielded is a function that waits for its result; a call that goes on
-    at the end of the context is ended.
+    """Begin a call in another process, whose linear algebra has one thread. The context gives a function that waits for the
+    result. The end of the context ends a call that still runs.
 
     function, arguments: can be pickled; what changes in them later is not seen there.
 

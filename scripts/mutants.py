@@ -390,7 +390,7 @@ def report(root: Path, count: int, seed: int, only: str = "") -> bool:
     survivors. False below the required score, or where a named fault is not found by a comparison."""
     rows = judge(root, count, seed, only)
     if rows.empty:
-        sys.exit(f"--only {only}: is in the path of no file that is broken")
+        sys.exit(f"--only {only}: matches the path of no file from which mutants are drawn")
     named, outcome = rows["kind"] == "named", rows["outcome"]
     score = (outcome[~named & (outcome != "equivalent")] != "survived").mean()
     found = f"{score:.1%} killed (seed {seed}), {(rows['compared'] & ~named).sum()} by a comparison"

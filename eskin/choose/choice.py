@@ -403,16 +403,15 @@ def unseen(
 
 
 BESIDE = 100
-"""Fewest recordings with which the choice inside folds has another process: with fewer, starting it takes as long."""
+"""Fewest recordings with which the choice inside folds gets another process, whose start takes seconds."""
 
 
 @contextmanager
 def unseen_by_split(
     plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions
 ) -> Iterator[Callable[[Sequence[str]], Nested]]:
-    """`unseen` as a function of the split. It needs nothing of the main choice, so with many recordings another process
-    begins at once with the plan's split."""
-
+    """`unseen` as a function of the split. It does not depend on the main choice. With many recordings, another process
+    computes it for the plan's split meanwhile."""
     here = partial(unseen, plan, settings, search_options)
     chosen = settings.folds and (plan.screened or search_options.open)
     if not chosen or len(settings.recordings) < BESIDE:

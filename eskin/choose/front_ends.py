@@ -469,7 +469,7 @@ def kinds_of_feature(search: FrontEndSearch) -> Request:
 
 def windows_of_the_touch(search: FrontEndSearch) -> Request:
     """Means of windows that divide the whole touch, on the best SURVIVORS gates."""
-    gates = by_gate(scored.candidate.front_end for scored in search.ranked(search.near()))
+    gates = first_of_gates(scored.candidate.front_end for scored in search.ranked(search.near()))
     screen = search.front_ends.screen
     return _screened(config for at in gates[:SURVIVORS] for config in whole(at, screen.longest))
 
@@ -663,7 +663,7 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
     return filter(None, tried)
 
 
-def by_gate(ons: Iterable[AcceleratorConfig], scans: bool = False) -> list[AcceleratorConfig]:
+def first_of_gates(ons: Iterable[AcceleratorConfig], scans: bool = False) -> list[AcceleratorConfig]:
     """The first front end of each gate, and if ``scans`` of each ``scan_every``."""
     first: dict[Any, AcceleratorConfig] = {}
     for on in ons:

@@ -46,7 +46,7 @@ from eskin.choose.candidate import (
     tied,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.front_ends import Listed, by_gate
+from eskin.choose.front_ends import Listed, first_of_gates
 from eskin.choose.search import Move, Request, Search, search
 from eskin.choose.sturdy import SPREAD, Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -531,7 +531,7 @@ def more_scans(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardeni
 @hardened
 def windows_of_the_touch(search: NetworkSearch, plain: ScoredCandidate, hardening: Hardening) -> Request:
     """Sturdy linear cells on windows that divide the touch, on the best gates so far and on the choice's own."""
-    gates = by_gate((scored.candidate.front_end for scored in [*ahead_of(search), plain]), scans=True)
+    gates = first_of_gates((scored.candidate.front_end for scored in [*ahead_of(search), plain]), scans=True)
     ends = gates[: 2 if search.effort.brief else DIVIDED]
     return search.within_price(
         search.options.possible(divided, "linear", None, fit)
@@ -566,7 +566,7 @@ def robust_recurrent(search: NetworkSearch, plain: ScoredCandidate, hardening: H
     ranked = (
         scored.candidate.front_end for scored in sorted(search.tried, key=lambda scored: -scored.accuracy)
     )
-    gates = by_gate(on for on in ranked if not on.opens_at_once)
+    gates = first_of_gates(on for on in ranked if not on.opens_at_once)
     threshold = plain.candidate.front_end.onset_rule.onset_threshold
     sturdiest = sorted(gates, key=lambda gate: hardening.false_onsets(gate, threshold))[:GATES_AHEAD]
     ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]

@@ -97,7 +97,8 @@ def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(
     quick, monkeypatch, tmp_path, lives
 ):
     """In each of three sessions the sensor sits elsewhere: three classes are told apart there, and one session
-    tells little of the next. Another process says so as long as it lives."""
+    tells little of the next. The choice inside folds runs in another process, or here if that
+    process dies."""
     monkeypatch.setattr(choosing, "BESIDE", 0)
     if lives:
         monkeypatch.setattr(choosing, "judge", None)
