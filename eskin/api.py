@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +21,10 @@ from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
 from eskin.data.fit import check_fit, for_model
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Progress, Record, array_of
+from eskin.golden.core.config import IMAGE_ROWS_HZ
+from eskin.golden.core.images import NETWORKS
 from eskin.golden.data import Recordings
-from eskin.golden.data.recordings import recordings_of
+from eskin.golden.data.recordings import classes_of, recordings_of
 from eskin.golden.model import (
     FloatModel,
     ImageTrace,
@@ -52,18 +54,28 @@ NO_CLASS = "none"
 """Name of the decision -1."""
 
 
+class NotFittedError(InputError, AttributeError):
+    """A model without the network that is asked for; ``hasattr`` is false then."""
+
+
 class ClassNames(np.ndarray):
     """Names of the classes by their index; -1, which is no decision, is NO_CLASS where a plain array would
     name the last class."""
 
     def __getitem__(self, index: Any) -> Any:
         numbers = np.asarray(index)
-        if numbers.dtype.kind not in "iu" or (numbers >= len(self)).any():  # slices, masks, no class at all
+        if numbers.dtype.kind not in "iu" or (numbers >= len(self)).any() or (numbers < -1).any():  # slices, masks, no class
             return super().__getitem__(index)
         return np.append(np.asarray(self), NO_CLASS)[index]
 
     def __iter__(self) -> Any:
         return iter(np.asarray(self))
+
+    def __repr__(self) -> str:  # numpy prints by negative indices
+        return repr(np.asarray(self))
+
+    def __str__(self) -> str:
+        return str(np.asarray(self))
 
 
 class Model:
@@ -234,9 +246,10 @@ class Model:
         ----------
         recordings : Recordings, str, path, DataFrame, or list of arrays
             What ``--data`` takes, loaded or by its name; one long table, whose labels are the classes then;
-            or arrays (frames, taxels) of codes, then with the next two.
+            or arrays (frames, taxels) of codes, then with the next two; or images, as `predict` takes them.
         labels : array of int or str
-            Of a list of arrays: the class of each; with a configuration a name of its classes, or an index.
+            The class of each recording, of Recordings and tables in place of theirs; with a configuration a name of its
+            classes, or an index.
         sample_rate_hz : float
             Of a list of arrays: frames a second; None: the model's parameter, or its configuration's.
         progress : callable
@@ -263,18 +276,28 @@ class Model:
         from eskin.verbs.cost import cost_model
 
         asked, options = self._asked()
-        members = None
+        members: np.ndarray | None = None
+        names: Sequence[str] = ()
+        if labels is not None:
+            members, names, labels = _targets(labels, asked)
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
             recordings = load_recordings(recordings, config=asked)
-        elif not isinstance(recordings, Recordings):
+        if isinstance(recordings, Recordings):
+            if labels is not None:
+                arrays = {"labels": np.asarray(labels), "class_names": np.array(names)}
+                classes, labels = classes_of(arrays, len(recordings), _refuse)
+                recordings = replace(recordings, labels=labels, class_names=classes)
+        else:
             rate = self._parameters["sample_rate_hz"] if sample_rate_hz is None else sample_rate_hz
             rate = rate or (asked.sensor.sample_rate_hz if asked else None)
-            if labels is None or rate is None:
-                raise InputError(
-                    "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
-                )
-            members, names, labels = _targets(labels, asked)
-            recordings = Recordings.of(recordings, labels, sample_rate_hz=rate, class_names=names)
+            if labels is None:
+                raise InputError("fit: arrays have no classes; give labels, or Recordings")
+            if (asked and asked.is_image) or self._parameters["cell"] in NETWORKS:
+                recordings = _of_images(recordings, labels, names, rate or IMAGE_ROWS_HZ)
+            elif rate is None:
+                raise InputError("fit: arrays have no rate; give sample_rate_hz, or Recordings")
+            else:
+                recordings = Recordings.of(recordings, labels, sample_rate_hz=rate, class_names=names)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
             prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
@@ -296,14 +319,14 @@ class Model:
     def integer(self) -> IntegerModel:
         """The integer network, whose every value is the hardware's."""
         if self._integer is None:
-            raise InputError("model: has no integers; fit it, or run 'eskin quantise' on its folder")
+            raise NotFittedError("model: has no integers; fit it, or run 'eskin quantise' on its folder")
         return self._integer
 
     @property
     def real(self) -> FloatModel:
         """The float network, as it was trained."""
         if self._real is None:
-            raise InputError("model: has no float network; fit it, or load a folder that holds float.npz")
+            raise NotFittedError("model: has no float network; fit it, or load a folder that holds float.npz")
         return self._real
 
     @property
@@ -412,6 +435,9 @@ class Model:
         scores_of_decisions = np.full((len(trace.first), self.config.classes), np.nan)
         decided = trace.decision >= 0
         scores_of_decisions[decided] = scores[trace.first[decided]]
+        if self._votes:  # of steps that tie the network takes one class
+            place = np.flatnonzero(decided), trace.decision[decided]
+            scores_of_decisions[place] = np.nextafter(scores_of_decisions[place], np.inf)
         return trace.decision, scores_of_decisions
 
     @property
@@ -439,12 +465,13 @@ class Model:
         ----------
         labels : array of int, or of str
             The classes, as `fit` was given them, by index or by name; of Recordings and DataFrames their own
-            by default.
+            by default. A class that `fit` was not given, as folds of scikit-learn may have it, counts as wrong, with a
+            warning.
 
         Raises
         ------
         InputError
-            As `predict`; labels that are not classes of the model, or not one a recording.
+            As `predict`; labels that are not classes of the model, of a fitted one none of them, or not one a recording.
         """
         frames = self._of_table(frames)
         decision, _ = self._decided(frames, integer)
@@ -458,11 +485,11 @@ class Model:
             frames = frames.with_classes(self.config.network.class_names, "the model")
             labels = frames.labels
         indices = self._places(labels, verb)
-        if indices.shape != (len(each),):
+        if indices.shape not in ((len(each),), (len(each), 1)):
             raise InputError(
-                f"{verb}: {indices.size} labels for {len(each)} recordings; give one per recording"
+                f"{verb}: labels of shape {indices.shape} for {len(each)} recordings; give one per recording"
             )
-        return indices
+        return indices.ravel()
 
     def teach(self, frames: Frames, labels: ArrayLike | None = None) -> Model:
         """Store touches as prototypes of their classes, beside those there are; nothing is trained. Needs a
@@ -510,7 +537,7 @@ class Model:
 
     def _places(self, labels: ArrayLike, verb: str) -> np.ndarray:
         """Indices of labels, which are names, or the classes that `fit` was given; where these are names, or
-        were not given, indices. One label alone is a list of it."""
+        were not given, indices; -2 for no class, where `score` counts it. One label alone is a list of it."""
         names = self.config.network.class_names
         numbers = list(range(len(names)))
         if self._fitted is not None and self._fitted[0].dtype.kind not in "USO":
@@ -519,13 +546,19 @@ class Model:
         place: dict[Hashable, int] = {label: index for index, label in enumerate(numbers)}
         place |= {name: index for index, name in enumerate(names)}
         flat, truths = array.ravel().tolist(), isinstance(numbers[0], bool)
-        for label in flat:
-            if not isinstance(label, Hashable) or isinstance(label, bool) > truths or label not in place:
+        indices = [
+            place.get(label, -2) if isinstance(label, Hashable) and isinstance(label, bool) <= truths else -2
+            for label in flat
+        ]
+        if -2 in indices:
+            label = flat[indices.index(-2)]
+            if self._fitted is None or verb != "score" or set(indices) == {-2}:
                 raise InputError(
                     f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or "
                     f"{', '.join(map(str, numbers))}"
                 )
-        return np.array([place[label] for label in flat], dtype=np.int64).reshape(array.shape)
+            warnings.warn(f"score: {label!r} is no class that fit was given, and counts as wrong", stacklevel=4)
+        return np.array(indices, dtype=np.int64).reshape(array.shape)
 
     def stream(self, *, integer: bool = True) -> Stream:
         """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that
@@ -605,15 +638,7 @@ class Model:
         if getattr(array, "ndim", 0) == 3 and array.shape[2] != sensor.taxels == array[0].size:
             frames = [array]  # one recording of rows and columns
         if self.config.is_image:
-            images = array_of(frames, "images", "give images of one size, (images, height, width)")
-            images = images[None] if images.ndim == 2 else images
-            arrays = {
-                "images": images,
-                "labels": np.zeros(len(images), dtype=np.int64),
-                "class_names": np.array(names),
-                "sample_rate_hz": np.array(sensor.sample_rate_hz),
-            }
-            recordings = recordings_of(arrays, "images")
+            recordings = _of_images(frames, None, names, sensor.sample_rate_hz)
         else:
             scale = sensor.volt_per_code or None
             recordings = Recordings.of(
@@ -626,6 +651,25 @@ class Model:
                 )
         check_fit(recordings, self.config)
         return recordings
+
+
+def _refuse(field: str, why: str) -> NoReturn:
+    raise InputError(f"fit, {field}: {why}")
+
+
+def _of_images(
+    frames: ArrayLike | Sequence[ArrayLike], labels: ArrayLike | None, names: Sequence[str], rows_hz: float
+) -> Recordings:
+    """Images (n, height, width), or one of them; without labels of class 0."""
+    images = array_of(frames, "images", "give images of one size, (images, height, width)")
+    images = images[None] if images.ndim == 2 else images
+    arrays = {
+        "images": images,
+        "labels": np.zeros(len(images), dtype=np.int64) if labels is None else np.asarray(labels),
+        "class_names": np.array(names),
+        "sample_rate_hz": np.array(rows_hz),
+    }
+    return recordings_of(arrays, "images")
 
 
 def probabilities(scores: np.ndarray, *, votes: bool) -> np.ndarray:
@@ -649,8 +693,10 @@ def _targets(
 
     try:
         targets = column_or_1d(array_of(labels, "labels"), warn=True)
+        if {type(label) for label in targets.tolist()} in ({bool}, {int}):  # in an array of objects, too
+            targets = np.array(targets.tolist())
         check_classification_targets(targets)
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise InputError(f"fit, labels: {error}") from None
     text = targets.dtype.kind in "USO"
     if config is not None and config != PRESETS.get(config.name):

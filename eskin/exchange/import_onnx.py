@@ -38,6 +38,10 @@ TAKEN = (
     "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
     "a dense layer alone, or the TreeEnsembleClassifier that skl2onnx makes of a forest alone"
 )
+ODD = {"direction": "forward", "clip": None, "input_forget": 0, "layout": 0, "transA": 0}
+"""Attributes of a layer, and what the accelerator computes."""
+STATES = "sequence lengths", "an initial state", "an initial cell state", "peepholes"
+"""Inputs of a recurrent layer behind its bias."""
 NODE_IDS = "tree", "node", "truenode", "falsenode", "feature"
 
 
@@ -174,12 +178,33 @@ class Graph:
     def constant(self, node: onnx.NodeProto, place: int, role: str) -> np.ndarray:
         """The weights that a node takes as its input number ``place``."""
         name = node.input[place] if place < len(node.input) else ""
-        by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
-        if name in by_node:
-            return self.values(by_node[name], "value")
+        makers = self.nodes("Constant", "Identity", "Transpose")
+        maker = next((entry for entry in makers if name in entry.output), None)
+        if maker and maker.op_type == "Constant":
+            return self.values(maker, "value", "value_floats", "value_float")
+        if maker:
+            array = self.constant(maker, 0, role)
+            axes = self.values(maker, "perm").tolist() or [*range(array.ndim)][::-1]
+            if maker.op_type == "Identity":
+                return array
+            if sorted(axes) != [*range(array.ndim)]:
+                self.refuse(maker, f"orders axes {axes} of shape {array.shape}; save the network again")
+            return array.transpose(axes)
         if name not in self.constants:
             self.refuse(node, f"computes its {role}; save trained weights")
         return self.constants[name]
+
+    def refuse_odd(self) -> None:
+        """Refuse a node that computes what the accelerator has not."""
+        for node in self.nodes(*ORDERS, "Gemm"):
+            attributes = node_attributes(node)
+            odd = [f"{name} {attributes[name]}" for name in ODD if attributes.get(name, ODD[name]) != ODD[name]]
+            given = dict(zip(STATES, node.input[4:], strict=False)) if node.op_type in ORDERS else {}
+            for role, name in given.items():
+                state = self.constants.get(name, np.zeros(1) if "state" in role else np.ones(1))
+                odd += [role] if name and state.any() else []
+            if odd:
+                self.refuse(node, f"has {', '.join(odd):.80}, which the accelerator has not; save {TAKEN}")
 
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
         """The outputs for one input, as onnxruntime computes them."""
@@ -193,7 +218,7 @@ class Graph:
         except Exception as error:  # onnxruntime's errors have no common class of their own
             why = f"cannot be computed on an input of shape {values.shape} ({_first_line(error)})"
             self.refuse(
-                self._named(error) or self.last, f"{why}; save a network that takes one touch at a time"
+                self._named(error) or self.last, f"{why}; save a network of float32 that takes one touch at a time"
             )
         return [np.asarray(output, dtype=np.float64) for output in outputs]
 
@@ -359,6 +384,7 @@ def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str
         alike = [shows for far in found for shows, value in far.items() if value <= TOLERANCE]
         if alike:
             return min(alike), touch_steps
+    graph.refuse_odd()
     if len(failed) == len(fitting):
         raise failed[0]
     graph.refuse(

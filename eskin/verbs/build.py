@@ -133,7 +133,7 @@ def command(request: BoardRequest) -> None:
         lanes_asked=lanes is not None,
         seeds=request.seeds,
     )
-    if design.standalone and not design.awake:
+    if design.wiring().standby:
         refuse_rate_not_held(request.model)
     try:
         with progress_bars() as report:

@@ -57,8 +57,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     OSError
         The folder cannot be written; ``path`` is as it was.
     """
-    path = Path(path)
     check_target(path)
+    path = Path(os.path.realpath(path))  # of a link, what it leads to
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     with _parents(path):
         try:
@@ -98,7 +98,7 @@ def replacing_folder(folder: str | Path, check: Check = lambda: None) -> Iterato
     OSError
         It cannot be written; ``folder`` is as it was.
     """
-    folder = Path(folder)
+    folder = Path(os.path.realpath(folder))  # of a link, what it leads to
     with _parents(folder):
         work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         draft, old = work / "new", work / "old"

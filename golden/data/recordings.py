@@ -389,7 +389,7 @@ def recordings_of(
     check_offsets(arrays["offsets"], len(samples), refuse)
     recordings = len(arrays["offsets"]) - 1
 
-    class_names, labels = _classes(arrays, recordings, refuse)
+    class_names, labels = classes_of(arrays, recordings, refuse)
     rate = _positive_number(arrays["sample_rate_hz"])
     if rate is None:
         refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
@@ -546,7 +546,7 @@ def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     }
 
 
-def _classes(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str, ...], np.ndarray]:
+def classes_of(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the classes, and the class of each recording."""
     names = arrays["class_names"]
     if names.dtype.kind not in "US" or names.ndim != 1 or not len(names):
@@ -629,7 +629,7 @@ def _images(
         refuse("images", f"holds {images.dtype}, not numbers; save pixels as uint8")
     elif images.min() < 0 or images.max() > 255:
         refuse("images", f"runs from {images.min()} to {images.max()}; a pixel has 8 bits, 0..255")
-    class_names, labels = _classes(arrays, count, refuse)
+    class_names, labels = classes_of(arrays, count, refuse)
     rate = _positive_number(arrays.get("sample_rate_hz", np.array(IMAGE_ROWS_HZ)))
     if rate is None:
         refuse(

@@ -94,7 +94,7 @@ class SpiConverter(wiring.Component):
         with m.If(handing):
             m.d.sync += line.eq(line + 1)
             with m.If(end_of_lines):
-                m.d.sync += [handing.eq(0), line.eq(0), transfer.eq(transfer + 1), step.eq(step + 1)]
+                m.d.sync += [handing.eq(0), transfer.eq(transfer + 1), step.eq(step + 1)]
                 with m.If(end_of_group):
                     m.d.sync += [step.eq(0), group.eq(group + 1)]
                     if chip.channels > 1:

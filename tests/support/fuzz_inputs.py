@@ -188,7 +188,7 @@ def damage_text(text: str, rng: random.Random) -> str:
     """Words or whole lines of other values, gone, repeated, or new."""
     for _ in range(rng.choice((1, 1, 2, 5))):
         found = [*re.finditer(rng.choice((r"[^\s,:\[\]{}]+", r"[^\s,:\[\]{}]+", r".*\n?")), text)]
-        begin, end = rng.choice(found).span()
+        begin, end = rng.choice(found).span() if found else (0, 0)  # blanks alone have no word
         made = (*map(json.dumps, VALUES), *CELLS, *NAMES, "", 3 * text[begin:end], "[" * 100_000)
         text = text[:begin] + rng.choice(made) + text[end:]
     return text

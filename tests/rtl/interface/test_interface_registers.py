@@ -79,13 +79,16 @@ def test_the_latest_position_and_how_many():
 
 def test_faults_stay_until_they_are_cleared():
     async def body(ctx, dut, write, read):
-        for fault in (ConverterFault.STUCK, ConverterFault.LATE):
+        faults = ConverterFault(0)
+        for fault in ConverterFault:
             ctx.set(dut.fault, int(fault))
             await ctx.tick()
             ctx.set(dut.fault, 0)
-        assert await read(InterfaceRegister.CONVERTER_FAULTS) == ConverterFault.STUCK | ConverterFault.LATE
-        await write(*CLEAR)
-        assert await read(InterfaceRegister.CONVERTER_FAULTS) == 0
+            faults |= fault
+            assert await read(InterfaceRegister.CONVERTER_FAULTS) == faults
+        for command, left in ((ARM, faults), (CLEAR, 0)):
+            await write(*command)
+            assert await read(InterfaceRegister.CONVERTER_FAULTS) == left
 
     play(body)
 

@@ -9,7 +9,7 @@ from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
-def run_events(config, events, hold=4):
+def run_events(config, events, hold=5):
     """(request, electrode) a cycle after each event (None: no event)."""
     dut, seen = Stimulus(config, hold), []
     port = dut.decision if config.interface.stimulator == "decisions" else dut.position
@@ -31,8 +31,8 @@ def run_events(config, events, hold=4):
 
 def test_decisions_by_table_and_the_time_they_hold():
     config = PRESETS["thesis"].replace(stimulator="decisions", electrodes=(7, 0, 24))
-    assert run_events(config, [{"class": 0}, *[None] * 4, {"class": 2}, None, {"class": 1}, {"class": 0}, "clear"]) == [
-        *[(1, 6)] * 4, (0, 6), (1, 23), (1, 23), (0, 23), (1, 6), (0, 6),
+    assert run_events(config, [{"class": 0}, *[None] * 6, {"class": 2}, None, {"class": 1}, {"class": 0}, "clear"]) == [
+        *[(1, 6)] * 5, *[(0, 6)] * 2, (1, 23), (1, 23), (0, 23), (1, 6), (0, 6),
     ]  # fmt: skip
     assert run_events(PRESETS["thesis"].replace(stimulator="decisions"), [{"class": 2}]) == [(1, 2)]
 

@@ -85,7 +85,7 @@ def as_told(golden: list[Position]) -> list[tuple]:
         dict(sample_signed=True, position_rest=-100, band_high=100),
         dict(sample_bits=16, position_rest=40_000, band_high=60_000),
         dict(columns=16, position_rest=0),
-        dict(rows=16, position_rest=0),
+        dict(rows=16, columns=10, position_rest=0),
     ],
 )
 def test_bit_exact_on_random_frames_of_other_samples(fields):

@@ -40,6 +40,7 @@ def skin(monkeypatch, host=None):
 @pytest.mark.parametrize("name", CAUSES)
 def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
     dut, made = skin(monkeypatch)
+    levels = set()
 
     async def play(ctx):
         async def until(value: bool) -> None:
@@ -47,6 +48,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
                 if ctx.get(made[0].on) == value:
                     return
                 await ctx.tick()
+                levels.add(ctx.get(dut.stim_tx))
             raise AssertionError(f"the stimulator is {'not on' if value else 'still on'}")
 
         async def pulse(signal) -> None:
@@ -58,7 +60,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         ctx.set(chain.o.p["class"], 1)
         await pulse(chain.o.valid)
         await until(True)
-        assert not ctx.get(dut.led) and ctx.get(dut.decision) == 2
+        assert not ctx.get(dut.led) and ctx.get(dut.decision) == 2 and levels == {0, 1}
         if cause is None:
             await ctx.tick().repeat(8_000)
             assert ctx.get(made[0].on) and not ctx.get(dut.led)
