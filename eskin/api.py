@@ -64,7 +64,9 @@ class ClassNames(np.ndarray):
 
     def __getitem__(self, index: Any) -> Any:
         numbers = np.asarray(index)
-        if numbers.dtype.kind not in "iu" or (numbers >= len(self)).any() or (numbers < -1).any():  # slices, masks, no class
+        if (
+            numbers.dtype.kind not in "iu" or (numbers >= len(self)).any() or (numbers < -1).any()
+        ):  # slices, masks, no class
             return super().__getitem__(index)
         return np.append(np.asarray(self), NO_CLASS)[index]
 
@@ -557,7 +559,9 @@ class Model:
                     f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or "
                     f"{', '.join(map(str, numbers))}"
                 )
-            warnings.warn(f"score: {label!r} is no class that fit was given, and counts as wrong", stacklevel=4)
+            warnings.warn(
+                f"score: {label!r} is no class that fit was given, and counts as wrong", stacklevel=4
+            )
         return np.array(indices, dtype=np.int64).reshape(array.shape)
 
     def stream(self, *, integer: bool = True) -> Stream:

@@ -213,6 +213,14 @@ def test_the_fuzzer_sees(corpus, tmp_path, monkeypatch, defect):
 # ---------------------------------------------------------------------- what it found
 
 
+@pytest.mark.parametrize("model", ["model", "image_model"])
+def test_a_board_without_a_host_needs_a_converter(corpus, tmp_path, model):
+    make_case(corpus, tmp_path / "case")
+    words = ["build", f"../in/{model}", "--target", "icebreaker", "--standalone"]
+    verdict = watched.watched(tmp_path / "case", words)
+    assert verdict.outcome == "refused" and "add --converter NAME" in verdict.detail
+
+
 def test_a_picture_does_not_take_the_place_of_a_network(corpus, tmp_path):
     """Nor of anything else that is no picture; a file that a command line names for what it writes is written."""
     make_case(corpus, tmp_path / "case")

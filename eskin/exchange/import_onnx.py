@@ -198,7 +198,9 @@ class Graph:
         """Refuse a node that computes what the accelerator has not."""
         for node in self.nodes(*ORDERS, "Gemm"):
             attributes = node_attributes(node)
-            odd = [f"{name} {attributes[name]}" for name in ODD if attributes.get(name, ODD[name]) != ODD[name]]
+            odd = [
+                f"{name} {attributes[name]}" for name in ODD if attributes.get(name, ODD[name]) != ODD[name]
+            ]
             given = dict(zip(STATES, node.input[4:], strict=False)) if node.op_type in ORDERS else {}
             for role, name in given.items():
                 state = self.constants.get(name, np.zeros(1) if "state" in role else np.ones(1))
@@ -218,7 +220,8 @@ class Graph:
         except Exception as error:  # onnxruntime's errors have no common class of their own
             why = f"cannot be computed on an input of shape {values.shape} ({_first_line(error)})"
             self.refuse(
-                self._named(error) or self.last, f"{why}; save a network of float32 that takes one touch at a time"
+                self._named(error) or self.last,
+                f"{why}; save a network of float32 that takes one touch at a time",
             )
         return [np.asarray(output, dtype=np.float64) for output in outputs]
 

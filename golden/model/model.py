@@ -357,7 +357,7 @@ def _load(
     if config.is_image and not images:
         raise InputError(
             f"model '{folder}': is a network for images, which this verb does not take; docs/images.md "
-            "lists those that do"
+            "lists such verbs"
         )
     path = Path(folder) / file
     if not path.is_file():

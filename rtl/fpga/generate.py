@@ -57,8 +57,12 @@ SENSING = "sensing"
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
 BENCH = Path(__file__).parent / "templates" / "test_accelerator.py"
 MAKEFILE = BENCH.with_name("cocotb.mk")
-HEADERS = "load registers assert errno features limits signal stdbool stddef stdint stdio stdlib string time"
-"""Headers beside the driver, and those that it or a program around it reads from C's library."""
+HEADERS = (
+    "load registers assert complex ctype errno fenv features float inttypes iso646 limits locale math memory setjmp signal "
+    "stdalign stdarg stdatomic stdbool stdckdint stdbit stddef stdint stdio stdlib stdnoreturn string strings tgmath "
+    "threads time uchar unistd wchar wctype endian fcntl poll pthread sched semaphore termios new"
+)
+"""Headers beside the driver, and of C's library and POSIX, which it or a program around it reads."""
 MARK = "registers.json"
 """A folder with this file was generated and may be replaced."""
 

@@ -84,6 +84,49 @@ def test_answers_of_a_fitted_model_are_labels_as_they_were_given(lists, monkeypa
     assert model.score(lists[0], given) == np.mean((answers == given) & ~undecided)
     with refused("is not a class; there are"):
         model.score(lists[0], np.full(len(given), 99))
+    # a class that the training fold lacks, and a column of labels
+    few = np.where(np.arange(len(given)) > 1, given, "new" if given.dtype.kind in "US" else 99)
+    with pytest.warns(UserWarning, match="is no class that fit was given"):
+        assert model.score(lists[0], few[:, None]) == np.mean((answers == few) & ~undecided)
+
+
+def test_steps_that_tie_have_their_class_in_front(lists):
+    """The configuration's order of classes, in which ties are decided, is not the order of columns."""
+    config = SMALL.replace(cell="linear", decision="vote", class_names=("wool", "felt", "silk"))
+    model = eskin.Model(config, folds=0).fit(lists[0], np.array(["wool", "felt", "silk"])[lists[1]])
+    trace = model.trace(lists[0])
+    votes = np.sort((trace.local[..., None] == np.arange(3)).sum(axis=1))
+    assert (votes[:, -1] == votes[:, -2])[trace.first[trace.decision >= 0]].any()
+    decided, shares = trace.decision >= 0, model.predict_proba(lists[0])
+    assert (model.classes_[shares.argmax(axis=1)] == np.array(config.network.class_names)[trace.decision])[
+        decided
+    ].all()
+
+
+def test_labels_beside_recordings_take_the_place_of_theirs():
+    recordings = scene(40)
+    other = np.array(["soft", "hard"])[recordings.labels % 2]
+    config = LINEAR.replace(class_names=("hard", "soft"))
+    model = eskin.Model(config, folds=0).fit(recordings, other)
+    assert model.classes_.tolist() == ["hard", "soft"] and model.score(recordings, other) > 0.7
+    with refused("fit, labels: "):
+        eskin.Model(config, folds=0).fit(recordings, other[1:])
+
+
+def test_images_as_arrays(monkeypatch):
+    few_updates(monkeypatch, 2)
+    pixels = np.random.default_rng(1).integers(0, 256, (12, 8, 8), dtype=np.uint8)
+    config = eskin.Config.of_image(8, 8, ("conv 3 4", "pool", "dense 2"), ("cup", "ball"))
+    labels = np.array(["ball", "cup"] * 6)
+    model = eskin.Model(config, folds=0).fit(pixels, labels)
+    assert set(model.predict([*pixels])) <= {"cup", "ball"}
+    assert np.isfinite(cross_val_score(eskin.Model(config, folds=0), pixels, labels, cv=2)).all()
+
+
+def test_without_a_network_there_are_no_classes(fitted, lists, tmp_path):
+    assert not hasattr(eskin.Model(), "classes_") and not hasattr(eskin.Model(), "config")
+    fitted.save(tmp_path / "model")
+    assert str(eskin.Model.load(tmp_path / "model").classes_) == str(np.array(LINEAR.network.class_names))
 
 
 @pytest.mark.filterwarnings("ignore:predict:UserWarning")

@@ -5,7 +5,9 @@ frame needs."""
 class DdcSlave:
     """Answers with ``words`` (each ``bits`` wide, in the order of the wire) so many cycles after each edge of
     CONV. spoil(name, value) may change "readback" (the 88 bits) and "dvalid" (whether it comes).
-    configurations: what was latched. clk_edges: cycles in which the system clock changed. resets: cycles of each."""
+    configurations: what was latched. clk_edges: cycles in which the system clock changed. resets: cycles of each.
+    cfg_edges, din_edges: cycles in which configuration clock and data changed, counted from the end of the reset.
+    to_readback: cycles from the last of them to the first edge of the data clock."""
 
     def __init__(self, pins, words, bits, delay=40, spoil=lambda name, value: value) -> None:
         self.pins, self.words, self.bits, self.delay, self.spoil = pins, words, bits, delay, spoil
@@ -13,11 +15,14 @@ class DdcSlave:
         self.conv_edges: list[int] = []
         self.dclk_edges: list[int] = []
         self.clk_edges: list[int] = []
+        self.cfg_edges: list[int] = []
+        self.din_edges: list[int] = []
         self.resets = [0]
+        self.to_readback = 0
 
     async def play(self, ctx) -> None:
         pins, cycle, due, out, left, latched, count = self.pins, 0, -1, 0, 0, 0, 0
-        was = (0, 0, 0, 0)
+        was, released = (0, 0, 0, 0, 0), 0
         lines = pins.reset_n, pins.conv, pins.clk_cfg, pins.din_cfg, pins.dclk, pins.clk
         ticks = aiter(ctx.tick().sample(*lines))
         while True:
@@ -25,7 +30,12 @@ class DdcSlave:
             cycle += 1
             if reset_n and self.resets[-1]:
                 self.resets.append(0)
+            if clk_cfg != was[1]:
+                self.cfg_edges.append(cycle - released)
+            if din != was[4]:
+                self.din_edges.append(cycle - released)
             if not reset_n:
+                released = cycle
                 self.resets[-1] += 1
                 latched = count = 0
                 due = -1
@@ -42,6 +52,7 @@ class DdcSlave:
                 ctx.set(pins.dvalid_n, 1)
             if dclk != was[2]:
                 self.dclk_edges.append(cycle)
+                self.to_readback = self.to_readback or cycle - released - self.cfg_edges[-1]
             if clk != was[3]:
                 self.clk_edges.append(cycle)
             if was[2] and not dclk and left:
@@ -52,7 +63,7 @@ class DdcSlave:
                     out = out << self.bits | word
                 left = self.bits * 32
                 ctx.set(pins.dvalid_n, 0)
-            was = (conv, clk_cfg, dclk, clk)
+            was = (conv, clk_cfg, dclk, clk, din)
             ctx.set(pins.dout, out >> left - 1 & 1 if left else 0)
 
 
@@ -76,7 +87,7 @@ class MprSlave:
         if number == 0x5E:
             return self.ecr[address]
         code = self.electrodes(address)[(number - 4) // 2 % 12] if self.ecr[address] else 0
-        return code & 0xFF if number % 2 == 0 else code >> 8 | self.upper
+        return code & 0xFF if number % 2 == 0 else code >> 8 | self.upper * (number == 5)
 
     async def play(self, ctx) -> None:
         pins, pulls, sda_was, scl_was = self.pins, False, 1, 1

@@ -218,6 +218,33 @@ def odd_activations(made):
     node(made, "cell").attribute.append(helper.make_attribute("activations", 3))
 
 
+def attributed(name, value):
+    return lambda made: node(made, "cell").attribute.append(helper.make_attribute(name, value))
+
+
+def lengths(made):
+    made.graph.initializer.append(numpy_helper.from_array(np.array([3], np.int32), "lengths"))
+    node(made, "cell").input.append("lengths")
+
+
+def computed_weights(made):
+    """Recurrent weights behind a Transpose, a bias behind an Identity, a dense bias of Python's numbers."""
+    tensors = {tensor.name: tensor for tensor in made.graph.initializer}
+    weights, bias = (tensors[name] for name in node(made, "cell").input[2:4])
+    turned = numpy_helper.to_array(weights).transpose(0, 2, 1)
+    weights.CopyFrom(numpy_helper.from_array(np.ascontiguousarray(turned), "turned"))
+    dense = tensors["dense_bias"]
+    values = helper.make_node(
+        "Constant", [], ["dense_bias"], value_floats=numpy_helper.to_array(dense).tolist()
+    )
+    made.graph.initializer.remove(dense)
+    moved = helper.make_node("Transpose", ["turned"], ["again"], perm=[0, 2, 1])
+    same = helper.make_node("Identity", [bias.name], ["same"])
+    for number, entry in enumerate((values, moved, same)):
+        made.graph.node.insert(number, entry)
+    node(made, "cell").input[2:4] = ["again", "same"]
+
+
 def not_numbers(made):
     made.graph.initializer[0].raw_data = np.full(18, np.nan, np.float32).tobytes()
 
@@ -241,7 +268,17 @@ def not_numbers(made):
 
 
 
-        (start, "of a network that begins at 0"),
+        (start, "node 'cell' of type GRU: has an initial state, which the accelerator has not"),
+
+        (lengths, "node 'cell' of type GRU: has sequence lengths"),
+
+        (attributed("direction", "reverse"), "node 'cell' of type GRU: has direction reverse"),
+
+        (attributed("clip", 1.0), "node 'cell' of type GRU: has clip 1.0"),
+
+        (attributed("layout", 1), "node 'cell' of type GRU: has layout 1"),
+
+        (computed_weights, None),
 
         (external, "lies in another file"),
 

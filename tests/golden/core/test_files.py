@@ -93,6 +93,17 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path):
 STATE = torch.nn.ModuleDict({"rnn": torch.nn.GRU(4, 5), "head": torch.nn.Linear(5, 3)}).state_dict()
 
 
+def test_what_a_link_leads_to_is_replaced_and_the_link_stays(tmp_path):
+    for name, link in (("folder", "link"), ("a.json", "b.json")):
+        (tmp_path / link).symlink_to(tmp_path / "there" / name)
+    for number in range(2):  # the link leads to nothing at first
+        with replacing_folder(tmp_path / "link") as draft:
+            (draft / "file").write_text(str(number))
+        write_json(tmp_path / "b.json", {"number": number})
+    assert (tmp_path / "there/folder/file").read_text() == "1" and (tmp_path / "link").is_symlink()
+    assert (tmp_path / "there/a.json").exists() and (tmp_path / "b.json").is_symlink()
+
+
 def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):
     torch.save(STATE, tmp_path / "net.pt")
     assert read_layers(tmp_path / "net.pt").arrays

@@ -40,6 +40,8 @@ def test_every_code_at_its_taxel(fields, first):
     expected = dict(enumerate(table[first : first + 5])), ConverterFault(0), False
     assert [frame[:3] for frame in frames] == [expected] * 2
     assert chip.configurations == [7 << 9 | (fields.get("bits", 20) == 20) << 8 | 1 << 7]
+    assert len(chip.cfg_edges) == 2 * 12 and set(chip.din_edges) <= {*chip.cfg_edges[::2]}
+    assert min(chip.cfg_edges[0], chip.to_readback) >= 20
     assert len(chip.conv_edges) == WARM_UP + 2
     assert {after - before for before, after in pairwise(chip.conv_edges)} == {PERIOD}
     assert {after - before for before, after in pairwise(chip.clk_edges)} == {4}

@@ -84,7 +84,7 @@ def test_every_cell_at_its_taxel_when_it_has_settled():
 
 
 def test_a_converter_that_sleeps_is_woken_before_the_cells_and_the_multiplexers_are_off_between_scans():
-    plan, codes = PLAN.sleeping, range(700, 715)
+    plan, codes = replace(PLAN.sleeping, settle=33), range(700, 715)
     waking = iter([None, *codes, None] * 2)  # codes of the first and the last transfer count for nothing
     frames, cells = play(lambda cell: next(waking) or 0, 2, plan)
     assert [frame[:2] for frame in frames] == [(dict(enumerate(codes)), ConverterFault(0))] * 2

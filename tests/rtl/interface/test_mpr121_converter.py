@@ -34,15 +34,15 @@ def play(config, count: int, electrodes, spoil=lambda chip, ended: None, *, firs
     return play_frames(dut, chip, count, between=lambda ended: spoil(chip, ended)), chip, plan
 
 
-@each_row("config", [SMALL, TWO])
-def test_every_cell_of_its_electrodes(config):
+@each_row("config, cycles", [(SMALL, 1947), (TWO, 4559)])
+def test_every_cell_of_its_electrodes(config, cycles):
     rng = random.Random(3)
     table = {address: [rng.randrange(1024) for _ in range(12)] for address in (0x5A, 0x5B)}
     frames, chip, plan = play(config, 1 + (config is SMALL), table.__getitem__)
     own = np.array([[*table[0x5A][: plan.electrodes[0]], *table[0x5B][: sum(plan.electrodes[1:])]]])
     cells = dict(enumerate(plan.from_pins(own, config)[0].tolist()))
     assert [frame[:3] for frame in frames] == [(cells, ConverterFault(0), False)] * len(frames)
-    assert max(frame.cycles for frame in frames) <= plan.scan_cycles
+    assert {frame.cycles for frame in frames} == {cycles} and cycles <= plan.scan_cycles
     assert chip.shortest == 2 * plan.quarter
     set_up = [(0x80, 0x63), (0x5E, 0), *((0x41 + k, (12, 6)[k % 2]) for k in range(24))]
     set_up += [(0x5C, 0x10), (0x5D, 0x20), (0x5E, 0x8F)]

@@ -99,7 +99,11 @@ def test_commands_are_those_of_the_data_sheets():
 
 STUCK, ORDER = ConverterFault.STUCK, ConverterFault.ORDER
 SPOILED = [
-    *(("in series", INSIDE, lambda w, s, l, c, chip=chip: 0 if s == chip else w, STUCK) for chip in (0, 1)),
+    *(
+        ("in series", INSIDE, lambda w, s, l, c, chip=chip, end=end: end if s == chip else w, STUCK)
+        for chip in (0, 1)
+        for end in (0, 0xFFF)
+    ),
     # one taxel at its end is no fault
     *(
         (name, [0, 4095, *INSIDE[2:]], lambda w, s, l, c: w, ConverterFault(0))

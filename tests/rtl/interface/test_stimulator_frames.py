@@ -24,6 +24,7 @@ def play(body) -> None:
             for _ in range(cycles):
                 if ctx.get(dut.byte.valid):
                     sent.append(ctx.get(dut.byte.payload))
+                assert not (ctx.get(dut.resting) and (ctx.get(dut.byte.valid) or ctx.get(dut.on)))
                 await ctx.tick()
             return bytes(sent)
 
