@@ -3,7 +3,7 @@ and no frame is handed on."""
 
 import random
 
-from eskin.golden.core import PRESETS, ConverterFault
+from eskin.golden.core import PRESETS, ConverterFault, converter_plan
 from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.top import sensing
@@ -52,17 +52,22 @@ def test_the_arm_after_a_broken_frame_waits_for_bus_and_frame(monkeypatch):
     assert single <= set(seen)
 
 
-def test_a_converter_s_faults_are_known_when_its_scan_ends():
-    dut = Acquisition(PRESETS["thesis"].replace(converter="ads7953"))
+def test_a_converter_s_faults_are_known_when_its_scan_ends_and_a_scan_that_is_missed_at_once():
+    config = PRESETS["thesis"].replace(converter="ads7953")
+    dut = Acquisition(config, plan=converter_plan(config).sleeping)
     dut.converter = converter = Silent(dut.converter)
     rng, late = random.Random(2), int(ConverterFault.LATE)
 
     async def play(ctx):
-        for _ in range(100):
-            finished, faults = rng.random() < 0.5, rng.randrange(1 << len(dut.fault)) & ~late
-            ctx.set(converter.finished, finished)
-            ctx.set(converter.fault, faults)
-            assert ctx.get(dut.fault) & ~late == finished * faults
+        for _ in range(200):
+            finished, run, busy, away = (rng.random() < 0.5 for _ in range(4))
+            faults, missed = rng.randrange(1 << len(dut.fault)) & ~late, run and busy and not away
+            for signal, value in ((converter.finished, finished), (converter.fault, faults), (dut.run, run)):
+                ctx.set(signal, value)
+            ctx.set(converter.busy, busy)
+            ctx.set(converter.away, away)
+            assert ctx.get(dut.fault) == finished * faults | missed * late
+            assert ctx.get(dut.broken) >= missed
             await ctx.tick()
 
     simulate(dut, play)
