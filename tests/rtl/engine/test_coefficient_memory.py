@@ -24,7 +24,7 @@ from tests.support.table import each_row
     ],
 )
 def test_what_is_written_is_read_and_nothing_with_it(lanes, cell, platform):
-    config = reference(cell, lanes=lanes, lane_type="dsp", steps=1)
+    config = reference(cell, lanes=lanes, lane_type="dsp", steps=1, gate_frac=14)
     program = cell_program(config)
     place, rng = Layout(config, program), random.Random(lanes)
     dut = CoefficientMemory(config, program)
