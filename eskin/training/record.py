@@ -223,7 +223,7 @@ class FoldShares(Shares):
 
 
 class Judged(Shares):
-    """A split: groups left out, seeds of the networks of a fold, standard_error and range
+    """A split: groups left out, seeds of the networks of a fold, standard_error, range and range_of
     (`eskin.training.splits.over_groups`) of the integers."""
 
     groups: Sequence[str]
@@ -231,6 +231,7 @@ class Judged(Shares):
     seeds: Sequence[int]
     standard_error: float
     range: tuple[float, float]
+    range_of: str = "parts left out"
     per_fold: Sequence[FoldShares]
 
 
