@@ -4,6 +4,7 @@ The ``code`` of a doubt is the name of the function below that gives it, or ``wr
 """
 
 import math
+import shlex
 from collections.abc import Sequence
 
 import numpy as np
@@ -284,7 +285,11 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
     if single - blocked <= max(2 * error, 0.01):
         return []
     known = likely_groups(recordings)
-    fix = f"`group` {known[0]}" if known else "an array in the archive that names the session of each"
+    fix = (
+        f"`group` {shlex.quote(known[0])}"
+        if known
+        else "an array in the archive that names the session of each"
+    )
     text = (
         f"no group was given and neighbouring recordings look alike (with their neighbours in training, "
         f"{percent(single)} are classified correctly; without, {percent(blocked)}), so the accuracy may hold for known "
