@@ -116,9 +116,11 @@ def by_choice(split: Split, nested: Nested) -> list[Doubt]:
 
 
 def below_range(tested: Evaluation, split: Split) -> list[Doubt]:
-    """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out."""
-    low, high = split.unseen.range
-    if tested.integer_accuracy >= low:
+    """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out, by
+    more than two standard errors over recordings: with an error and a hit added, so that few or equal ones have one, too."""
+    (low, high), count = split.unseen.range, tested.recordings
+    share = (tested.integer_accuracy * count + 1) / (count + 2)
+    if low - tested.integer_accuracy <= 2 * math.sqrt(share * (1 - share) / count):
         return []
     text = (
         f"the network classifies {percent(tested.integer_accuracy)} of the recordings held back correctly, and cross-"
@@ -255,7 +257,8 @@ def missed_onsets(touched: int, count: int) -> list[Doubt]:
 
 
 def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:
-    """A doubt if classes are recognised no more often than by guessing."""
+    """A doubt if classes are recognised no more often than by guessing. Where the networks of a fold had less than a
+    third of the recordings, more of a class would not help."""
     table = np.array(split.confusion, dtype=float)
     shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
     lost = [
@@ -268,10 +271,16 @@ def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:
     worst = class_names.index(lost[0])
     table[worst, worst] = -1
     decided_as = (*class_names, "nothing")[table[worst].argmax()]
+    tested = [fold.recordings for fold in split.per_fold]
+    fix = f"record more of {'it' if len(lost) == 1 else 'them'}, or merge the classes"
+    if 3 * max(tested) > 2 * sum(tested):
+        fix = (
+            f"a fold left out {max(tested)} of {sum(tested)} recordings and was trained on the rest: record more with other "
+            f"values of {' and '.join(split.groups)}, or choose another `group`"
+        )
     text = (
         f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} recognised no more often than by chance ({lost[0]} "
-        f"is mostly classified as {decided_as}): record more of {'it' if len(lost) == 1 else 'them'}, or merge the "
-        "classes"
+        f"is mostly classified as {decided_as}): {fix}"
     )
     return [doubt("lost_classes", text, split)]
 
