@@ -252,8 +252,11 @@ def missed_onsets(touched: int, count: int) -> list[Doubt]:
     """A doubt if no onset is found in more than MOST_MISSED of the recordings."""
     if count - touched <= MOST_MISSED * count:
         return []
-    text = f"no touch was found in {count - touched} of {count} recordings, which count as wrong: run "
-    return [doubt("missed_onsets", f"{text}'eskin inspect'")]
+    text = (
+        f"no touch was found in {count - touched} of {count} recordings, which count as wrong: give a smaller "
+        "onset_threshold in `config`, or record stronger touches"
+    )
+    return [doubt("missed_onsets", text)]
 
 
 def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:

@@ -39,7 +39,7 @@ from eskin.golden.model import (
 )
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.training.batches import Batches, drawn_rows
-from eskin.training.datasets import Dataset, Datasets, find_dataset, touch_rows
+from eskin.training.datasets import OTHER_SIGNALS, Dataset, Datasets, find_dataset, touch_rows
 from eskin.training.fit import Loss, train_integers
 from eskin.training.judge import FittedNetwork, NetworkLearner, Rows
 from eskin.training.losses import Progress, class_loss
@@ -240,13 +240,11 @@ def enrol(
     for name, count in touches.items():
         if not count:  # the network's outputs for this class would be undefined
             raise InputError(
-                f"recordings '{few.source}': have no touch of class {name}; enrolment needs 1 to 5 of each class, "
-                "so record some (and check their onsets with 'eskin inspect')"
+                f"recordings '{few.source}': have no touch of class {name}; enrolment needs 1 to 5 of each class: "
+                + OTHER_SIGNALS
             )
     if old is not None and not len(former):
-        raise InputError(
-            f"recordings '{old.source}': have no touch; leave `with_` out, or check their onsets with 'eskin inspect'"
-        )
+        raise InputError(f"recordings '{old.source}': have no touch; leave `with_` out, or {OTHER_SIGNALS}")
     network = load_network(model_dir, data)
     (enrolled,) = fit([network], recipe, [new], None if old is None else [former], seed, progress)
 

@@ -76,6 +76,8 @@ def below_range(right, count, split=UNSEEN) -> list[Doubt]:
         (below_range(0, 1), "", []),
         (doubts.seen_in_training(HeldBack(**vars(evaluation(356)), seen_in_training=1), "images"), "seen_in_training",
          ["1 of the 356 images held back (0.3 %) are also in the training data"]),
+        (doubts.missed_onsets(98, 100), "", []),
+        (doubts.missed_onsets(97, 100), "missed_onsets", ["in 3 of 100", "a smaller onset_threshold in `config`"]),
         (lost([9, 1, 0, 0], [0, 9, 1, 0]), "", []),
         (lost([9, 1, 0, 0], [0, 0, 0, 0]), "", []),  # no recording of it
         (lost([9, 1, 0, 0], [6, 3, 1, 0]), "lost_classes", ["rough is recognised no more often", "classified as smooth): record more of it"]),
