@@ -69,7 +69,7 @@ class Datasets:
 
 
 OTHER_SIGNALS = "give touches as strong and as long as in training, or a model trained on these"
-"""The fix where a model's front end finds no touch; `eskin inspect` would show those of another rule."""
+"""The fix where a model's front end finds no touch; `eskin inspect` would show touches of another rule."""
 
 
 def touch_rows(data: Dataset, recordings: np.ndarray) -> np.ndarray:

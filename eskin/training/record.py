@@ -370,6 +370,12 @@ class Training(Findings):
     taught: Sequence[Taught] = []
 
 
+def is_training_data(folder: str | Path, source: str, count: int) -> bool:
+    """True if the model was trained on so many recordings of this source: accuracies on them are too high."""
+    training = training_of(folder)
+    return (training.data, training.recordings) == (source, count)
+
+
 def training_of(folder: str | Path) -> Training:
     """The training record of a model folder; empty when it has none.
 

@@ -91,6 +91,10 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
     assert call("convert", "b", "--out", "d.npz", "--like", "m")[0] == 0
     assert load_archive(tmp_path / "d.npz").volt_per_code == first.volt_per_code
 
+    for data in "ad":
+        seen = "accuracies are of the training data" in call("evaluate", "m", "--data", f"{data}.npz")[1]
+        assert seen == (data == "a")
+
     # enrol, enrol --teach, run --test and recordings handed to Python refused them
     assert call("convert", "a", "--out", "e.npz", "--scale", "2e-4")[0] == 0
     other, model = load_archive(tmp_path / "e.npz"), eskin.Model.load(tmp_path / "m")
