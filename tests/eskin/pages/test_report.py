@@ -163,6 +163,10 @@ def test_accuracy_is_drawn_against_each_cost_and_cells_against_the_time_of_each_
         (axes,) = draw_candidates(rows, cost=cost).axes
         (name,) = (text for text in axes.texts if text.get_text().startswith("chosen: GRU 4"))
         assert name.xy == (place, 0.97) and axes.get_xlabel().startswith(AXES[cost][0])
+    (axes,) = draw_candidates([but(row, standard_error=2.0) for row in rows]).axes
+    assert axes.get_ylim() == (-0.05, 1.03)  # no accuracy lies beyond, whatever its error
+    labels = map(axes.yaxis.get_major_formatter(), (-0.02, 0, 1, 1.02))
+    assert [*labels] == ["", "0.0%", "100.0%", ""]
     (axes,) = draw_lanes(LANES, 2).axes
     line, filled = axes.lines
     assert line.get_xydata().tolist() == [[pytest.approx(1e6 * row.latency_s), row.cells] for row in LANES]
