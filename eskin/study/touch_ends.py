@@ -7,7 +7,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, preprocess
-from eskin.training.datasets import OTHER_SIGNALS
+from eskin.training.record import OTHER_SIGNALS
 
 
 def touches_and_ends(

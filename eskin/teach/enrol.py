@@ -39,14 +39,14 @@ from eskin.golden.model import (
 )
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.training.batches import Batches, drawn_rows
-from eskin.training.datasets import OTHER_SIGNALS, Dataset, Datasets, find_dataset, touch_rows
+from eskin.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.training.fit import Loss, train_integers
 from eskin.training.judge import FittedNetwork, NetworkLearner, Rows
 from eskin.training.losses import Progress, class_loss
 from eskin.training.prototypes import by_last_step, teach_recordings, teach_touches, with_prototypes
 from eskin.training.quantise import IntegerNetwork, profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe, noted_recipe
-from eskin.training.record import Enrolled, SignalRange, Taught, training_of
+from eskin.training.record import OTHER_SIGNALS, Enrolled, SignalRange, Taught, training_of
 
 
 @dataclass(frozen=True, kw_only=True)

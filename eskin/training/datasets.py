@@ -68,10 +68,6 @@ class Datasets:
         return self._known[key]
 
 
-OTHER_SIGNALS = "give touches as strong and as long as in training, or a model trained on these"
-"""The fix where a model's front end finds no touch; `eskin inspect` would show touches of another rule."""
-
-
 def touch_rows(data: Dataset, recordings: np.ndarray) -> np.ndarray:
     """Rows of the touches of ``recordings`` that have a completed step."""
     rows = data.index[recordings]

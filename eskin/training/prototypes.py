@@ -14,8 +14,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
 from eskin.golden.model.pipeline import decide
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
-from eskin.training.datasets import OTHER_SIGNALS
-from eskin.training.record import Training
+from eskin.training.record import OTHER_SIGNALS, Training
 
 PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
 """Default numbers: most prototypes per class, slots for taught touches per class, bits of a value."""

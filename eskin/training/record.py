@@ -370,6 +370,10 @@ class Training(Findings):
     taught: Sequence[Taught] = []
 
 
+OTHER_SIGNALS = "give touches as strong and as long as in training, or a model trained on these"
+"""The fix where a model's front end finds no touch; `eskin inspect` would show touches of another rule."""
+
+
 def is_training_data(folder: str | Path, source: str, count: int) -> bool:
     """True if the model was trained on so many recordings of this source: accuracies on them are too high."""
     training = training_of(folder)

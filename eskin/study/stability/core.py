@@ -26,9 +26,10 @@ from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import FloatModel, IntegerModel, Touches, pipeline, preprocess
 from eskin.study.touch_ends import touches_and_ends
-from eskin.training.datasets import OTHER_SIGNALS, scaling
+from eskin.training.datasets import scaling
 from eskin.training.derive import find_onsets
 from eskin.training.quantise import profile, quantise_model
+from eskin.training.record import OTHER_SIGNALS
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
 
