@@ -189,16 +189,12 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
     """The groups that stay together while front end and network are chosen, and where they come from, in
     words.
 
-    The requested groups; otherwise the first of ``likely_groups`` with at least two values in every class; otherwise
-    none, which leaves out single recordings.
+    The requested groups; otherwise the first of ``likely_groups``; otherwise none, which leaves out single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"
-    labels = recordings.labels
-    for name in likely_groups(recordings):
-        values = recordings.groups[name]
-        if all(len(np.unique(values[labels == label])) >= 2 for label in np.unique(labels)):
-            return [name], "the archive's first group"
+    if known := likely_groups(recordings):
+        return known[:1], "the archive's first group"
     return [], "the archive has no group to leave out, so single recordings are left out"
 
 

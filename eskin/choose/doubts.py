@@ -4,6 +4,7 @@ The ``code`` of a doubt is the name of the function below that gives it, or ``wr
 """
 
 import math
+import shlex
 from collections.abc import Sequence
 
 import numpy as np
@@ -115,9 +116,11 @@ def by_choice(split: Split, nested: Nested) -> list[Doubt]:
 
 
 def below_range(tested: Evaluation, split: Split) -> list[Doubt]:
-    """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out."""
-    low, high = split.unseen.range
-    if tested.integer_accuracy >= low:
+    """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out, by
+    more than two standard errors over recordings: with an error and a hit added, so that few or equal ones have one, too."""
+    (low, high), count = split.unseen.range, tested.recordings
+    share = (tested.integer_accuracy * count + 1) / (count + 2)
+    if low - tested.integer_accuracy <= 2 * math.sqrt(share * (1 - share) / count):
         return []
     text = (
         f"the network classifies {percent(tested.integer_accuracy)} of the recordings held back correctly, and cross-"
@@ -249,12 +252,16 @@ def missed_onsets(touched: int, count: int) -> list[Doubt]:
     """A doubt if no onset is found in more than MOST_MISSED of the recordings."""
     if count - touched <= MOST_MISSED * count:
         return []
-    text = f"no touch was found in {count - touched} of {count} recordings, which count as wrong: run "
-    return [doubt("missed_onsets", f"{text}'eskin inspect'")]
+    text = (
+        f"no touch was found in {count - touched} of {count} recordings, which count as wrong: give a smaller "
+        "onset_threshold in `config`, or record stronger touches"
+    )
+    return [doubt("missed_onsets", text)]
 
 
 def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:
-    """A doubt if classes are recognised no more often than by guessing."""
+    """A doubt if classes are recognised no more often than by guessing. Where the networks of a fold had less than a
+    third of the recordings, more of a class would not help."""
     table = np.array(split.confusion, dtype=float)
     shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
     lost = [
@@ -267,10 +274,16 @@ def lost_classes(split: Split, class_names: Sequence[str]) -> list[Doubt]:
     worst = class_names.index(lost[0])
     table[worst, worst] = -1
     decided_as = (*class_names, "nothing")[table[worst].argmax()]
+    tested = [fold.recordings for fold in split.per_fold]
+    fix = f"record more of {'it' if len(lost) == 1 else 'them'}, or merge the classes"
+    if 3 * max(tested) > 2 * sum(tested):
+        fix = (
+            f"a fold left out {max(tested)} of {sum(tested)} recordings and was trained on the rest: record more with other "
+            f"values of {' and '.join(split.groups)}, or choose another `group`"
+        )
     text = (
         f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} recognised no more often than by chance ({lost[0]} "
-        f"is mostly classified as {decided_as}): record more of {'it' if len(lost) == 1 else 'them'}, or merge the "
-        "classes"
+        f"is mostly classified as {decided_as}): {fix}"
     )
     return [doubt("lost_classes", text, split)]
 
@@ -284,7 +297,11 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
     if single - blocked <= max(2 * error, 0.01):
         return []
     known = likely_groups(recordings)
-    fix = f"`group` {known[0]}" if known else "an array in the archive that names the session of each"
+    fix = (
+        f"`group` {shlex.quote(known[0])}"
+        if known
+        else "an array in the archive that names the session of each"
+    )
     text = (
         f"no group was given and neighbouring recordings look alike (with their neighbours in training, "
         f"{percent(single)} are classified correctly; without, {percent(blocked)}), so the accuracy may hold for known "

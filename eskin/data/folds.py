@@ -36,11 +36,18 @@ REPEATED = re.compile("trial|rep|take|attempt|iteration|run|index|number|block",
 
 
 def likely_groups(recordings: Recordings) -> list[str]:
-    """Groups of an archive that can be left out: people first, repetitions last, otherwise as they stand there."""
+    """Groups of an archive that can be left out: people first, repetitions last, otherwise as they stand there.
+
+    They have two values or more in every class, else a class may be missing where the rest trains; and no comma in
+    their names, where `group` takes the next name.
+    """
+    labels = recordings.labels
     names = [
         name
         for name, values in recordings.groups.items()
-        if len(np.unique(values)) > 1 and not no_group(values, recordings.labels)
+        if "," not in name
+        and not no_group(values, labels)
+        and all(len(np.unique(values[labels == label])) > 1 for label in np.unique(labels))
     ]
     return sorted(names, key=lambda name: bool(REPEATED.search(name)) - 2 * bool(PEOPLE.search(name)))
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, PercentFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from eskin.choose.choice_table import network_name
 from eskin.choose.cost import pareto
@@ -100,10 +100,11 @@ def draw_costs(
             style: Record = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "ha": "center"}
             axes.annotate(f"chosen: {network_name(row)}", place, (0, 9), zorder=4, **style)
     axes.margins(x=0.15, y=0.15)
+    low, high = axes.get_ylim()
     if down:  # the worst figure may lie below the drawing
-        lowest = min(down[0], *(row.accuracy for row in rows))
-        axes.set_ylim(lowest - 0.05, min(axes.get_ylim()[1], 1.03))
+        low = min(down[0], *(row.accuracy for row in rows)) - 0.05
+    axes.set_ylim(max(low, -0.05), min(high, 1.03))  # an error bar may reach beyond what a share can be
     log_axis(axes)
     axes.set(xlabel=label, ylabel="accuracy, integer, cross-validated")
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
+    axes.yaxis.set_major_formatter(lambda share, _: f"{share:.1%}" if abs(share - 0.5) < 0.501 else "")
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))

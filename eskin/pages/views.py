@@ -9,6 +9,7 @@ import functools
 import math
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -128,7 +129,19 @@ def _environment(written: Callable[[Any], str] | None) -> jinja2.Environment:
         lstrip_blocks=True,
         finalize=written,
     )
-    words = (percent, share, seconds, hertz, unit, count, number, mean_and_largest, verdict, compared)
+    words = (
+        percent,
+        share,
+        seconds,
+        hertz,
+        unit,
+        count,
+        number,
+        mean_and_largest,
+        verdict,
+        compared,
+        shlex.quote,
+    )
     environment.filters |= {function.__name__: function for function in words}
     environment.globals |= {"zip": zip, "style": (TEMPLATES / "style.css").read_text(encoding="utf-8")}
     return environment

@@ -7,6 +7,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, preprocess
+from eskin.training.record import OTHER_SIGNALS
 
 
 def touches_and_ends(
@@ -39,8 +40,7 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
     touches = touches.take(touches.completed == config.windows.steps)
     if not len(having := touches.recording):
         raise InputError(
-            f"recordings '{recordings.source}': none has a whole touch; energy needs one: look at their onsets with "
-            "'eskin inspect'"
+            f"recordings '{recordings.source}': none has a whole touch; energy needs one: {OTHER_SIGNALS}"
         )
     after = touches.ends(config)[:, -1] + config.windows.hop
     longer = having[after <= recordings.lengths[having]]

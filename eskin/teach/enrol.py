@@ -46,7 +46,7 @@ from eskin.training.losses import Progress, class_loss
 from eskin.training.prototypes import by_last_step, teach_recordings, teach_touches, with_prototypes
 from eskin.training.quantise import IntegerNetwork, profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe, noted_recipe
-from eskin.training.record import Enrolled, SignalRange, Taught, training_of
+from eskin.training.record import OTHER_SIGNALS, Enrolled, SignalRange, Taught, training_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,13 +240,11 @@ def enrol(
     for name, count in touches.items():
         if not count:  # the network's outputs for this class would be undefined
             raise InputError(
-                f"recordings '{few.source}': have no touch of class {name}; enrolment needs 1 to 5 of each class, "
-                "so record some (and check their onsets with 'eskin inspect')"
+                f"recordings '{few.source}': have no touch of class {name}; enrolment needs 1 to 5 of each class: "
+                + OTHER_SIGNALS
             )
     if old is not None and not len(former):
-        raise InputError(
-            f"recordings '{old.source}': have no touch; leave `with_` out, or check their onsets with 'eskin inspect'"
-        )
+        raise InputError(f"recordings '{old.source}': have no touch; leave `with_` out, or {OTHER_SIGNALS}")
     network = load_network(model_dir, data)
     (enrolled,) = fit([network], recipe, [new], None if old is None else [former], seed, progress)
 

@@ -68,7 +68,8 @@ def fit_networks(
     for rows in parts:
         if not len(rows):
             raise InputError(
-                "training: no touch was found in a training part; check the onset rule with 'eskin inspect'"
+                f"configuration '{config.name}', fields onset_threshold and window: a training part has no touch with a whole "
+                "window; use smaller ones, or leave `config` out, so that they are derived"
             )
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:

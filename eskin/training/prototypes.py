@@ -14,7 +14,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
 from eskin.golden.model.pipeline import decide
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
-from eskin.training.record import Training
+from eskin.training.record import OTHER_SIGNALS, Training
 
 PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
 """Default numbers: most prototypes per class, slots for taught touches per class, bits of a value."""
@@ -160,8 +160,7 @@ def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, s
     for label, name in enumerate(names[:trained]):
         if not (labels == label).any():
             raise InputError(
-                f"{source}: have no whole touch of class {name}, which a prototype needs; "
-                "record some, or check their onsets with 'eskin inspect'"
+                f"{source}: have no whole touch of class {name}, which a prototype needs; {OTHER_SIGNALS}"
             )
     if (labels >= trained).any():
         name = names[int(labels.max())]
@@ -234,7 +233,7 @@ def teach_recordings(model: IntegerModel, few: Recordings) -> tuple[IntegerModel
     if not len(rows):
         raise InputError(
             f"recordings '{few.source}': have no whole touch of {config.windows.steps} steps, and a part cannot be taught; "
-            "record longer ones, or check their onsets with 'eskin inspect'"
+            + OTHER_SIGNALS
         )
     labels = few.labels[touches.recording[rows]]
     taught = teach_touches(model, touches.take(rows), labels)

@@ -223,7 +223,7 @@ class FoldShares(Shares):
 
 
 class Judged(Shares):
-    """A split: groups left out, seeds of the networks of a fold, standard_error and range
+    """A split: groups left out, seeds of the networks of a fold, standard_error, range and range_of
     (`eskin.training.splits.over_groups`) of the integers."""
 
     groups: Sequence[str]
@@ -231,6 +231,7 @@ class Judged(Shares):
     seeds: Sequence[int]
     standard_error: float
     range: tuple[float, float]
+    range_of: str = "parts left out"
     per_fold: Sequence[FoldShares]
 
 
@@ -367,6 +368,16 @@ class Training(Findings):
     quantised: Quantised | None = None
     enrolments: Sequence[Enrolled] = []
     taught: Sequence[Taught] = []
+
+
+OTHER_SIGNALS = "give touches as strong and as long as in training, or a model trained on these"
+"""The fix where a model's front end finds no touch; `eskin inspect` would show touches of another rule."""
+
+
+def is_training_data(folder: str | Path, source: str, count: int) -> bool:
+    """True if the model was trained on so many recordings of this source: accuracies on them are too high."""
+    training = training_of(folder)
+    return (training.data, training.recordings) == (source, count)
 
 
 def training_of(folder: str | Path) -> Training:

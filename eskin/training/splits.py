@@ -49,7 +49,7 @@ LEAST_ALONE = 10
 def over_groups(
     recordings: Recordings, groups: Sequence[str], tests: Sequence[np.ndarray], correct: np.ndarray
 ) -> Record:
-    """{standard_error, range} of ``correct`` (recordings).
+    """{standard_error, range, range_of} of ``correct`` (recordings).
 
     standard_error: of the mean. Recordings of one group share its mounting or its person, so a group counts as one
     draw (A. C. Cameron, D. L. Miller 2015, A practitioner's guide to cluster-robust inference, of a mean). Without
@@ -57,15 +57,16 @@ def over_groups(
 
     range: lowest and highest accuracy of a group by itself, which is what a single new one may have: far more than the
     error of their mean, and more than of folds of several. Folds (``tests``) take the place of groups that have fewer
-    than LEAST_ALONE recordings, or where there are none.
+    than LEAST_ALONE recordings (be it a single group), or where there are none; ``range_of`` says which.
     """
     numbers = group_numbers(_with_label(recordings, groups), groups) if groups else np.arange(len(recordings))
     sizes, sums = np.bincount(numbers), np.bincount(numbers, correct - correct.mean())
     error = np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(correct)
-    shares = correct.mean() + sums / sizes
+    shares, parts = correct.mean() + sums / sizes, "groups"
     if sizes.min() < LEAST_ALONE:
-        shares = np.array([correct[test].mean() for test in tests if len(test)])
-    return {"standard_error": float(error), "range": [float(shares.min()), float(shares.max())]}
+        shares, parts = np.array([correct[test].mean() for test in tests if len(test)]), "folds"
+    limits = [float(shares.min()), float(shares.max())]
+    return {"standard_error": float(error), "range": limits, "range_of": f"{len(shares)} {parts}"}
 
 
 def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> None:

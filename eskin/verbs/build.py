@@ -9,6 +9,7 @@ The accelerator goes through Yosys and nextpnr; of several seeds the best is tak
 from __future__ import annotations
 
 import math
+import shlex
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -554,8 +555,8 @@ def board_of(model: Path) -> tuple[int, int, Any]:
             else "there is none"
         )
         raise InputError(
-            f"--port: the build of the board holds its rate and lanes, and {found}; "
-            f"run eskin build {model} --target NAME --out {model}/board"
+            f"--port: the build of the board holds its rate and lanes, and {found}; run "
+            + shlex.join(["eskin", "build", str(model), "--target", "NAME", "--out", f"{model}/board"])
         )
     board = OnBoard.read(builds[0], "build the board again")
     if not board.link:

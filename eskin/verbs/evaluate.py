@@ -11,6 +11,7 @@ from eskin.cli.common import DATA, JsonOptions, ModelOptions, integer_model, opt
 from eskin.golden.core import InputError, Result
 from eskin.golden.model import load_config
 from eskin.training.evaluate import evaluate
+from eskin.training.record import is_training_data
 
 
 class EvaluateRequest(ModelOptions, JsonOptions):
@@ -32,5 +33,6 @@ def command(request: EvaluateRequest) -> Result:
         show("certificate", **dict(result))
     else:
         result = evaluate(request.model, recordings_for(request.data, load_config(request.model)))
-        show("evaluate", **dict(result))
+        known = is_training_data(request.model, result.source, result.recordings)
+        show("evaluate", **dict(result), known=known)
     return result

@@ -20,13 +20,12 @@ class StabilityRequest(ModelDataOptions, ClusterOptions):
 
 def command(request: StabilityRequest) -> Result:
     from eskin.pages.stability_page import PAGE, figure_in_words
-    from eskin.training.record import training_of
+    from eskin.training.record import is_training_data
     from eskin.verbs import stability_job
 
     recordings = recordings_for(request.data, load_config(request.model))
     with progress_bars() as report:
         result = stability_job.run(request, recordings, progress=report)
-    training = training_of(request.model)
-    known = (training.data, training.recordings) == (result.data, result.recordings)
+    known = is_training_data(request.model, result.data, result.recordings)
     show("stability", **dict(result), known=known, figure=figure_in_words, page=request.out / PAGE)
     return result

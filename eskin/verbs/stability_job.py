@@ -30,7 +30,7 @@ from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study.stability import core as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Confirmed, ModeResult, NotRun, Outcome, Stability
-from eskin.study.stability.table import MODES
+from eskin.study.stability.table import ACCURACY, MODES
 from eskin.training import LEARNING
 from eskin.verbs import cosim
 from eskin.verbs.stability import StabilityRequest
@@ -61,7 +61,8 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
     Raises
     ------
     InputError
-        A folder that is not a quantised model, an unknown mode, recordings without a touch.
+        A folder that is not a quantised model, an unknown mode, recordings without a touch or on which the network is no
+        better than chance: a bound that is a share of its accuracy would hold whatever happens.
     """
     out, model_dir, few = request.out, request.model, request.few
     begin = time.perf_counter()
@@ -73,6 +74,14 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
     wanted = [MODES[name] for name in request.mode or MODES]
     model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     bench = Bench(config=model.config, recordings=recordings, model=model, real=real, few=few)
+    chance = recordings.class_counts.max() / len(recordings)
+    relative = any(mode.unit == ACCURACY for mode in wanted)
+    if len(bench.touches) and relative and bench.clean_accuracy <= chance:
+        raise InputError(
+            f"`data`: without a disturbance the network classifies {bench.clean_accuracy:.1%} of '{recordings.source}' "
+            f"correctly, and always naming the most frequent class {chance:.1%}, so no bound of accuracy means anything; "
+            "train the network again, or give other recordings"
+        )
     content = content_key(bench.model, recordings, CODE(), few, bench.real)
     jobs = Jobs(dask=request.dask, progress=progress, version=CODE)
 

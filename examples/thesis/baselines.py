@@ -75,7 +75,7 @@ class Scene:
         touches = touches.take(touches.completed > 0)
         if not len(usable := touches.recording):
             raise InputError(
-                f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin inspect'"
+                f"{recordings.source}: no recording has a touch with a completed window; use a smaller onset_threshold or window"
             )
         where = np.full(len(recordings), -1)
         where[usable] = np.arange(len(usable))
@@ -198,7 +198,7 @@ class MethodLearner:
             rows = [place[place >= 0] for place in places]
             if not all(map(len, rows)):
                 raise InputError(
-                    "no touch was found in a training part; check the onset rule with 'eskin inspect'"
+                    "no touch was found in a training part; use a smaller onset_threshold or window"
                 )
             begin = time.process_time()
             fitted += self.method.fit(self.scene, rows, seed)

@@ -163,13 +163,14 @@ def to_codes(
     ]
     notes += held_codes
     # a quantile of about 100 000 frames is as good as one of all frames
-    moves = np.subtract(
-        *np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)
-    ) / np.asarray(scale)
+    span = np.subtract(*np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0))
+    moves = span / np.asarray(scale)
     coarse = np.flatnonzero((moves < FEW_CODES) & (moves > 0))
     if len(coarse):
+        finest = round_step(largest, bounds.max_code)
+        finer = f", or give a scale of {finest:.6g}" if span[coarse].min() >= FEW_CODES * finest else ""
         notes.append(
             f"{called(coarse, names)}: fewer than {FEW_CODES} codes between rest and touch, "
-            f"{moves[coarse].min():.2g} the least: subtract the level that taxels share, or give a smaller scale"
+            f"{moves[coarse].min():.2g} the least: subtract the level at rest{finer}"
         )
     return np.clip(codes, bounds.min_code, bounds.max_code).astype(np.int32), scale, notes

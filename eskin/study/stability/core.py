@@ -29,6 +29,7 @@ from eskin.study.touch_ends import touches_and_ends
 from eskin.training.datasets import scaling
 from eskin.training.derive import find_onsets
 from eskin.training.quantise import profile, quantise_model
+from eskin.training.record import OTHER_SIGNALS
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
 
@@ -118,10 +119,7 @@ class Scene:
         touches = touches_and_ends(self.config, self.clean)[0]
         touches = touches.take(touches.completed > 0)
         if not len(touches):
-            raise InputError(
-                f"stability: no touch was found in {self.recordings.source}; check the onset rule with "
-                "'eskin inspect'"
-            )
+            raise InputError(f"stability: no touch was found in {self.recordings.source}; {OTHER_SIGNALS}")
         return touches
 
     @cached_property

@@ -94,8 +94,10 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     samples[40:100] = np.resize(samples[:40], (60, 4))  # no touch
     touched = (np.arange(800) % 100 >= 60) & (np.arange(800) >= 100)
     samples[:, 3] = np.where(touched, 65535, samples[:, 3])  # clipped while the others move
-    np.savez("data.npz", **arrays(samples=samples, user=np.arange(8) // 2 % 2))
-    status, out, _ = call(*"inspect data.npz --json figures.json".split())
+    day = np.arange(8) // 2 % 2
+    users = {"person": np.arange(8) > 6, "person,day": day, "user id": day}
+    np.savez("my data.npz", **arrays(samples=samples, **users))
+    status, out, _ = call("inspect", "my data.npz", *"--json figures.json".split())
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "unusual taxels" in out
     assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
@@ -105,7 +107,9 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
         and "exclude" not in out
         and "many recordings have no" in out
     )
-    assert "eskin inspect" not in out and "--group user" in out
+    # a command for a shell; one person made a single recording, and a comma separates two groups
+    assert "eskin inspect" not in out
+    assert "next: eskin run --data 'my data.npz' --group 'user id' --out 'build/my data'" in out
 
 
 def test_a_comparison_on_random_touches_tells_nothing_of_their_labels(call, folder, model):

@@ -10,6 +10,7 @@ import eskin
 from eskin.data.archive import load_archive, save_archive
 from eskin.data.fit import check_fit, rescaled
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data.codes import to_codes
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import Stream, load_config
 from eskin.training.derive import for_recordings
@@ -17,7 +18,7 @@ from eskin.verbs import run_job
 from tests.support.random_models import random_integer_model
 from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 
 COLUMNS = ("left", "middle", "right")
 
@@ -90,6 +91,10 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
     assert call("convert", "b", "--out", "d.npz", "--like", "m")[0] == 0
     assert load_archive(tmp_path / "d.npz").volt_per_code == first.volt_per_code
 
+    for data in "ad":
+        seen = "accuracies are of the training data" in call("evaluate", "m", "--data", f"{data}.npz")[1]
+        assert seen == (data == "a")
+
     # enrol, enrol --teach, run --test and recordings handed to Python refused them
     assert call("convert", "a", "--out", "e.npz", "--scale", "2e-4")[0] == 0
     other, model = load_archive(tmp_path / "e.npz"), eskin.Model.load(tmp_path / "m")
@@ -115,6 +120,15 @@ def test_a_scale_that_clips_is_refused_with_the_column_and_one_that_holds_it(fir
     status, _, err = call("convert", "a", "--out", "s.npz", "--scale", "1e-5")
     assert status == 2 and "taxel left: a scale of 1e-05 puts" in err and "give 5e-05, which holds all" in err
     assert call("convert", "a", "--out", "s.npz", "--scale", "5e-5")[0] == 0
+
+
+@each_row(
+    "level, scale, fix",
+    [(101300.5, None, "level at rest"), (0.5, 1.0, "level at rest, or give a scale of 0.0002")],
+)
+def test_a_smaller_scale_is_advised_where_it_holds_all_and_has_codes_enough(level, scale, fix):
+    values = level + 5 * np.sin(0.1 * np.arange(500))[:, None]
+    assert to_codes(values, "made", scale, requested=True)[2][-1].endswith(f"the least: subtract the {fix}")
 
 
 # ---------------------------------------------------------------------- columns of different kinds

@@ -163,6 +163,10 @@ def test_accuracy_is_drawn_against_each_cost_and_cells_against_the_time_of_each_
         (axes,) = draw_candidates(rows, cost=cost).axes
         (name,) = (text for text in axes.texts if text.get_text().startswith("chosen: GRU 4"))
         assert name.xy == (place, 0.97) and axes.get_xlabel().startswith(AXES[cost][0])
+    (axes,) = draw_candidates([but(row, standard_error=2.0) for row in rows]).axes
+    assert axes.get_ylim() == (-0.05, 1.03)  # no accuracy lies beyond, whatever its error
+    labels = map(axes.yaxis.get_major_formatter(), (-0.02, 0, 1, 1.02))
+    assert [*labels] == ["", "0.0%", "100.0%", ""]
     (axes,) = draw_lanes(LANES, 2).axes
     line, filled = axes.lines
     assert line.get_xydata().tolist() == [[pytest.approx(1e6 * row.latency_s), row.cells] for row in LANES]
@@ -221,7 +225,7 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
     training = json.loads((result / "model/training.json").read_text())
     nested = dict(
         groups=["person"], folds=3, seeds=[0], integer_accuracy=0.8712, float_accuracy=0.8823, agreement=0.99,
-        standard_error=0.0345, wall_s=12.0, per_fold=[], range=[0.701, 0.99], disturbed={},
+        standard_error=0.0345, wall_s=12.0, per_fold=[], range=[0.701, 0.99], range_of="3 folds", disturbed={},
     )  # fmt: skip
     first, *others = training["cross_validation"]
     known = {"integer_accuracy": 0.975, "float_accuracy": 0.98, "folds": 5}
@@ -231,8 +235,8 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
     for figure in (
         "accuracy, unseen person 87.1 %",
         "unseen person 3 87.1 % ± 3.5 % 70.1 % 99.0 % 88.2 % 99.00 %",
-        "expect this for a new person; ",
-        "each from 70.1 % to 99.0 %; integer",
+        "expect this for a new person; 3 folds, each from 70.1 % to 99.0 %; integer",
+        "lowest and highest are of 3 folds, and single new ones differ",
         "single recordings left out 97.5 % expect this for new recordings of a person that is in",
         "person left out 3 96.4 %",
         "the chosen network on the folds that chose it: 96.4 %",

@@ -150,6 +150,8 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
 def test_weights_trained_as_integers_stay_within_their_formats():
     """A loss that draws every weight upwards ends at the largest value of each format."""
     data, part = touches_of(scene(20, seed=4))
+    with refused("fields onset_threshold and window: a training part has no touch"):
+        fit(data, [part[:0]], QUICK)
     (model,) = fit(data, [part], few(5))
     start = fitting.post_training(model, data, part, {"weight_bits": 4})
 

@@ -108,7 +108,7 @@ def test_recordings_may_end_with_their_touch():
     assert played.lengths == longer.lengths - hop
     held = asic._resting(played, hop)
     assert held.lengths == longer.lengths and (held.samples[-hop:] == played.samples[-1]).all()
-    with refused("none has a whole touch; energy needs one"):
+    with refused("none has a whole touch; energy needs one: give touches as strong"):
         with_touches(model, ending.until(ending.lengths - 1), 1)
 
 

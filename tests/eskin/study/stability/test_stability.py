@@ -3,6 +3,7 @@ run is what was measured."""
 
 import json
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from unittest.mock import MagicMock, Mock
@@ -166,7 +167,7 @@ STALLS = "stalls on both sides of the accelerator"
 NAMES = ["state error without reset", "frames lost", "one dead taxel, mean", "state bit flips"]
 
 
-def job(tmp_path, **options):
+def job(tmp_path, data=None, **options):
     folder = tmp_path / "model"
     if not folder.exists():
         stability_case.model_folder(folder)
@@ -176,7 +177,26 @@ def job(tmp_path, **options):
         patch.setattr(os, "cpu_count", lambda: 1)  # no process of its own
         patch.setattr(stability_job, "CACHE", tmp_path / "cache")
         patch.setattr(stability_job, "Bench", partial(Bench, points=1, long=200, flips=60))
-        return stability_job.run(request, stability_case.recordings())
+        return stability_job.run(request, data or stability_case.recordings())
+
+
+@each_row(
+    "spoiled, name, sentence",
+    [
+        ("labels", "mains hum", "0.0% of 'tiny' correctly, and always naming the most frequent class 33.3%"),
+        ("labels", "feature bits", ""),  # refers to no accuracy
+        (
+            "samples",
+            "slow ramp through the band",
+            "no touch was found in tiny; give touches as strong",
+        ),  # its height would be NaN
+    ],
+)
+def test_recordings_with_which_every_bound_would_hold_are_refused(spoiled, name, sentence, tmp_path):
+    data = stability_case.recordings()
+    fields = {"labels": (data.labels + 1) % 3, "samples": 29000 + (data.samples - 29000) // 20}
+    with refused(sentence) if sentence else nullcontext():
+        job(tmp_path, data=replace(data, **{spoiled: fields[spoiled]}), names=[name])
 
 
 def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, monkeypatch):
