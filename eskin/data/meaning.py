@@ -417,9 +417,9 @@ class _Meaning:
 
     # ------------------------------------------------------------------ rates
     def _called(self, recording: int) -> str:
-        path = self.paths[self.sources[recording]]
+        path = self.paths[self.table.part(self.starts[recording])]
         names = self.groups.get("recording")
-        return "/".join(path) or f"recording {recording + 1 if names is None else names[recording]}"
+        return "/".join(path) or f"recording {recording if names is None else names[recording]}"
 
     def _of_clock(self, time: int) -> list[tuple[float, str]]:
         """Frames a second of each recording of two frames or more, by its time column."""

@@ -123,6 +123,10 @@ def test_the_number_of_a_column_is_its_class(tmp_path):
         load_recordings(tmp_path / "all.csv", reading=AT)
     made = load_recordings(tmp_path / "all.csv", reading=Reading(rate_hz=200, label="3"))
     assert made.labels.tolist() == [0, 1, 0, 1] and made.taxels == 2
+    timed = lambda n: "\n".join(f"{k * (1 + n // 3) / 200},{row}" for k, row in enumerate(text(n).split()))
+    (tmp_path / "all.csv").write_text("\n\n".join(map(timed, range(4))))
+    with refused("'recording 3' has 100 frames a second and 'recording 2' 200"):
+        load_recordings(tmp_path / "all.csv", reading=Reading(label="4"))
 
 
 def test_files_of_edge_impulse_are_refused_with_what_to_do(tmp_path):
