@@ -234,6 +234,10 @@ class _Meaning:
         changes = [row for column in named for row in self._changes(column).tolist()]
         self.starts = np.array(sorted({*table.firsts, *breaks, *changes}))
         for column in self.used:
+            if column in self.chosen:
+                table.refuse(
+                    f"--columns: {table.called(column)} says class or recording; leave it out of the taxels"
+                )
             self._check_whole(column, "is the class")
         if breaks:
             self.notes.append(
@@ -247,7 +251,7 @@ class _Meaning:
         self.labels = self.fact(label).astype(str)
         if isinstance(label, str):
             return f"attribute {label} is the class"
-        by = table.called(named[0]) if named else "blank lines"
+        by = table.called(named[0]) if named else "blank lines" if breaks else "the file"
         return f"{table.called(label)} gives the class, {by} the recording"
 
     def _levels(self, of_one_file: bool) -> str:

@@ -264,7 +264,8 @@ class _File:
                 self.refuse("numbers the columns or is a frame; name the columns in it", self.rows[0])
             return (), ()
         pairs = zip(first, rest[0], strict=False) if rest else ()
-        below = any(not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in pairs)
+        below = any(a and not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in pairs)
+        below |= not first[0] and [cells[0] for cells in rest] == ["0", "1"]  # numbers of rows
         if numbers and not counts and not (below and all(map(str.isdecimal, numbers))):
             return (), ()  # a frame with a text in it; whole numbers may be names of taxels
         line = self.rows.pop(0)

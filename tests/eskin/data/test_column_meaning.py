@@ -117,6 +117,10 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
     assert read(tmp_path, table(labels=["1234567", "1234568"])).class_names == ("1234567", "1234568")
     assert read(tmp_path, table(labels=["x" + "1" * 5000, "x" + "2" * 5000])).labels.tolist() == [0, 1] * 4
     assert read(tmp_path, table(names="0,1,2")).taxels == 3
+    rows = "\n".join(f"{k},{500 + 7 * k % 91},{250 + 5 * k % 83}" for k in range(30))
+    assert texts(tmp_path / "index", lambda number: f",10,20\n{rows}", AT).channel_names == ("10", "20")
+    with refused("line 1: column 2 holds an empty cell"):
+        texts(tmp_path / "gap", lambda number: f"5,,3\n{rows}", AT)
 
 
 def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):

@@ -1,5 +1,7 @@
 """Stamps of serial monitors, grids of taxels, one taxel, hundreds of empty columns, files of other tools."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.io import savemat
 
@@ -118,11 +120,17 @@ def test_the_number_of_a_column_is_its_class(tmp_path):
     text = lambda n: "\n".join(f"{a},{b},{n % 2}" for a, b, *_ in FLAT[n].tolist())
     with refused("column 3 has one value .* or the class with --class 3"):
         texts(tmp_path, text, AT)
+    by_number = Reading(rate_hz=200, label="3")
+    assert any(
+        "column 3 gives the class, the file the" in note for note in texts(tmp_path, text, by_number).notes
+    )
     (tmp_path / "all.csv").write_text("\n\n".join(map(text, range(4))))
     with refused("no header: give the number of a column, 1 to 3: name it with --class"):
         load_recordings(tmp_path / "all.csv", reading=AT)
-    made = load_recordings(tmp_path / "all.csv", reading=Reading(rate_hz=200, label="3"))
+    made = load_recordings(tmp_path / "all.csv", reading=by_number)
     assert made.labels.tolist() == [0, 1, 0, 1] and made.taxels == 2
+    with refused("--columns: column 3 says class or recording; leave it out of the taxels"):
+        load_recordings(tmp_path / "all.csv", reading=replace(by_number, columns=("1-3",)))
     timed = lambda n: "\n".join(f"{k * (1 + n // 3) / 200},{row}" for k, row in enumerate(text(n).split()))
     (tmp_path / "all.csv").write_text("\n\n".join(map(timed, range(4))))
     with refused("'recording 3' has 100 frames a second and 'recording 2' 200"):
