@@ -36,8 +36,8 @@ _LETTERS = {"p": "person", "t": "trial", "s": "session"}
 """Group names for a letter before a number in a file's name."""
 _CALLED_AS_GROUP = re.compile(rf"(?:{'|'.join((*_LETTERS, *_GROUPS))})[ _-]?\d+", re.I)
 _LIKE_RATE = re.compile(r"(?:\b|_|sampl\w*?|frame)(?:rate|freq(?:uency)?|k?hz|fps|odr|fs)(?:\b|_)", re.I)
-_GLUED = re.compile(r"(?:[^\W\d]|:).*[\s>\])|=;]\s*[-+]?\d[\d.]*$")
-"""A number behind a text, in one cell."""
+_LAST = r"^(?!.*(?<![\d.:])\d{1,2}(?::\d\d){1,2}(?:[.,]\d+)?(?:[-+]\d\d:?\d\d)?$).*?((?<!\d)[-+]?\d+(?:\.\d+)?|\d+)$"
+"""A number at the end of a cell, which is no time of day."""
 RATE = re.compile(
     r"fs|fps|odr|(?:sampl\w*?|frame)?[_ ]?(?:rate|(?<=.)freq\w*)(?:[_ (\[]*hz[)\]]?)?|sampl\w*?[_ (\[]*hz[)\]]?",
     re.I,
@@ -390,7 +390,7 @@ class _Meaning:
         fix = "separate them, or choose the taxels with --columns"
         rules = (
             (text and not table.frame[column].astype(bool).any(), "empty", ""),
-            (runs and text and _GLUED.search(str(table.frame[column].iloc[0])), "refused", f"holds a number behind a text; {fix}"),
+            (runs and text and self._is_glued(column), "refused", f"holds a number behind a text; {fix}"),
             (TIME.match(name) or "header.stamp" in name, "left out", "is time, too,"),
             (known and level, "group", "describes a recording"),
             (known, "left out", "changes inside recordings, so is not a group"),
@@ -404,6 +404,11 @@ class _Meaning:
             (True, "taxel", ""),
         )  # fmt: skip
         return next((role, why) for fits, role, why in rules if fits)
+
+    def _is_glued(self, column: int) -> bool:
+        """True for texts that end in a number that does not rise as they do: a sample behind a stamp."""
+        last = self.table.frame[column].str.extract(_LAST)[0].astype(float)
+        return bool(last.notna().any()) and _course(last.to_numpy(), self.starts) not in ("up", "down")
 
     def _inside(self, column: int) -> np.ndarray:
         """The rows inside recordings at which a column takes another value."""

@@ -53,13 +53,23 @@ def test_a_stamp_in_front_of_a_line_hides_no_taxel(tmp_path, stamp, sign, readin
         read("", 1, f"5\n{stamp(40)}5")
 
 
-def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path):
+@each_row(
+    "stamp, between",
+    [("T+{:02d}ms | {}", ","), ("{:02d} | {}", ","), ("14:02:{:02d}.005:{}", ","), ("10{:02d};{}", " ")],
+)
+def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path, stamp, between):
+    rows = lambda n: (stamp.format(k, between.join(map(str, row))) for k, row in enumerate(FLAT[n].tolist()))
     with refused("column 1 holds a number behind a text; separate them"):
-        texts(
-            tmp_path,
-            lambda n: "\n".join(f"T+{k:02d}ms | {a},{b}" for k, (a, b, *_) in enumerate(FLAT[n])),
-            AT,
-        )
+        texts(tmp_path, lambda n: "\n".join(rows(n)), AT)
+
+
+@each_row(
+    "when", [lambda k: f"frame_{k:03d}", lambda k: f"2026-05-01 14:0{k // 20}:{k % 20 * 3 + k % 2:02d}"]
+)
+def test_text_that_counts_is_left_out(tmp_path, when):
+    rows = lambda n: (f"{a};{when(k)};{b}" for k, (a, b, *_) in enumerate(FLAT[n].tolist()))
+    made = texts(tmp_path, lambda n: "\n".join(["a;when;b", *rows(n)]), AT)
+    assert made.taxels == 2 and any("'when' increases like a time" in note for note in made.notes)
 
 
 @each_row("ending, write", [("npy", np.save), ("mat", lambda path, array: savemat(path, {"skin": array}))])
