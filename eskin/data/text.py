@@ -212,8 +212,9 @@ class _File:
         self.notes.append(f"line {row + 1}, the last of '{self.path.name}', is cut off and was dropped")
 
     def _cells(self, delimiter: str, rows: Sequence[int]) -> Iterator[list[str]]:
-        """The cells of rows; text in quotation marks is one cell."""
-        lines = (self.lines[row].rstrip(" \r") for row in rows)
+        """The cells of rows; text in quotation marks is one cell. Among blanks a tab is another."""
+        tab = " " if delimiter == " " else "\t"
+        lines = (self.lines[row].replace("\t", tab).rstrip(" \r") for row in rows)
         for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell and cell.strip() for cell in cells]
 

@@ -61,6 +61,8 @@ def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path, stamp, between):
     rows = lambda n: (stamp.format(k, between.join(map(str, row))) for k, row in enumerate(FLAT[n].tolist()))
     with refused("column 1 holds a number behind a text; separate them"):
         texts(tmp_path, lambda n: "\n".join(rows(n)), AT)
+    tab = lambda n: (f"{1000 + 5 * k}\t{' '.join(map(str, row))}" for k, row in enumerate(FLAT[n].tolist()))
+    assert np.array_equal(texts(tmp_path, lambda n: "\n".join(tab(n)), AT).recording(1), FLAT[2])
 
 
 @each_row(
