@@ -36,8 +36,8 @@ _LETTERS = {"p": "person", "t": "trial", "s": "session"}
 """Group names for a letter before a number in a file's name."""
 _CALLED_AS_GROUP = re.compile(rf"(?:{'|'.join((*_LETTERS, *_GROUPS))})[ _-]?\d+", re.I)
 _LIKE_RATE = re.compile(r"(?:\b|_|sampl\w*?|frame)(?:rate|freq(?:uency)?|k?hz|fps|odr|fs)(?:\b|_)", re.I)
-_GLUED = re.compile(r"(?:[^\W\d]|:).*[\s>\])|=;]\s*[-+]?\d[\d.]*$")
-"""A number behind a text, in one cell."""
+_LAST = r"^(?!.*(?<![\d.:])\d{1,2}(?::\d\d){1,2}(?:[.,]\d+)?(?:[-+]\d\d:?\d\d)?$).*?((?<!\d)[-+]?\d+(?:\.\d+)?|\d+)$"
+"""A number at the end of a cell, which is no time of day."""
 RATE = re.compile(
     r"fs|fps|odr|(?:sampl\w*?|frame)?[_ ]?(?:rate|(?<=.)freq\w*)(?:[_ (\[]*hz[)\]]?)?|sampl\w*?[_ (\[]*hz[)\]]?",
     re.I,
@@ -234,6 +234,10 @@ class _Meaning:
         changes = [row for column in named for row in self._changes(column).tolist()]
         self.starts = np.array(sorted({*table.firsts, *breaks, *changes}))
         for column in self.used:
+            if column in self.chosen:
+                table.refuse(
+                    f"--columns: {table.called(column)} says class or recording; leave it out of the taxels"
+                )
             self._check_whole(column, "is the class")
         if breaks:
             self.notes.append(
@@ -247,7 +251,7 @@ class _Meaning:
         self.labels = self.fact(label).astype(str)
         if isinstance(label, str):
             return f"attribute {label} is the class"
-        by = table.called(named[0]) if named else "blank lines"
+        by = table.called(named[0]) if named else "blank lines" if breaks else "the file"
         return f"{table.called(label)} gives the class, {by} the recording"
 
     def _levels(self, of_one_file: bool) -> str:
@@ -386,7 +390,7 @@ class _Meaning:
         fix = "separate them, or choose the taxels with --columns"
         rules = (
             (text and not table.frame[column].astype(bool).any(), "empty", ""),
-            (runs and text and _GLUED.search(str(table.frame[column].iloc[0])), "refused", f"holds a number behind a text; {fix}"),
+            (runs and text and self._is_glued(column), "refused", f"holds a number behind a text; {fix}"),
             (TIME.match(name) or "header.stamp" in name, "left out", "is time, too,"),
             (known and level, "group", "describes a recording"),
             (known, "left out", "changes inside recordings, so is not a group"),
@@ -400,6 +404,11 @@ class _Meaning:
             (True, "taxel", ""),
         )  # fmt: skip
         return next((role, why) for fits, role, why in rules if fits)
+
+    def _is_glued(self, column: int) -> bool:
+        """True for texts that end in a number that does not rise as they do: a sample behind a stamp."""
+        last = self.table.frame[column].str.extract(_LAST)[0].astype(float)
+        return bool(last.notna().any()) and _course(last.to_numpy(), self.starts) not in ("up", "down")
 
     def _inside(self, column: int) -> np.ndarray:
         """The rows inside recordings at which a column takes another value."""
@@ -417,9 +426,9 @@ class _Meaning:
 
     # ------------------------------------------------------------------ rates
     def _called(self, recording: int) -> str:
-        path = self.paths[self.sources[recording]]
+        path = self.paths[self.table.part(self.starts[recording])]
         names = self.groups.get("recording")
-        return "/".join(path) or f"recording {recording + 1 if names is None else names[recording]}"
+        return "/".join(path) or f"recording {recording if names is None else names[recording]}"
 
     def _of_clock(self, time: int) -> list[tuple[float, str]]:
         """Frames a second of each recording of two frames or more, by its time column."""

@@ -4,6 +4,7 @@ remarks about a source (``Reading``)."""
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -148,7 +149,7 @@ class Table:
 
     def part(self, row: int) -> int:
         """The number of the source of a row."""
-        return int(np.searchsorted(self.firsts, row, side="right")) - 1
+        return bisect_right(self.firsts, row) - 1
 
     def refuse(self, why: str, row: int | None = None) -> NoReturn:
         """Raise InputError about the table, or a row of it."""

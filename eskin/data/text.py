@@ -212,8 +212,9 @@ class _File:
         self.notes.append(f"line {row + 1}, the last of '{self.path.name}', is cut off and was dropped")
 
     def _cells(self, delimiter: str, rows: Sequence[int]) -> Iterator[list[str]]:
-        """The cells of rows; text in quotation marks is one cell."""
-        lines = (self.lines[row].rstrip(" \r") for row in rows)
+        """The cells of rows; text in quotation marks is one cell. Among blanks a tab is another."""
+        tab = " " if delimiter == " " else "\t"
+        lines = (self.lines[row].replace("\t", tab).rstrip(" \r") for row in rows)
         for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell and cell.strip() for cell in cells]
 
@@ -264,7 +265,8 @@ class _File:
                 self.refuse("numbers the columns or is a frame; name the columns in it", self.rows[0])
             return (), ()
         pairs = zip(first, rest[0], strict=False) if rest else ()
-        below = any(not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in pairs)
+        below = any(a and not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in pairs)
+        below |= not first[0] and [cells[0] for cells in rest] == ["0", "1"]  # numbers of rows
         if numbers and not counts and not (below and all(map(str.isdecimal, numbers))):
             return (), ()  # a frame with a text in it; whole numbers may be names of taxels
         line = self.rows.pop(0)

@@ -171,6 +171,11 @@ class Recordings:
                     f"{source}: array {number} holds {part.dtype}, not numbers; give A/D codes as integers, "
                     "or real samples as floats"
                 )
+        if given is not None and all(len(part) < part[0].size for part in parts):  # a model knows its taxels
+            raise InputError(
+                f"{source}: array 0 has shape {parts[0].shape}, so more taxels than frames; frames come first: "
+                "transpose the arrays, or save an archive where they are so short"
+            )
         labels = np.zeros(len(parts), dtype=np.int64) if given is None else given
         if labels.dtype.kind == "O" and all(isinstance(label, str) for label in labels.ravel()):
             labels = labels.astype(np.str_)  # as pandas has text

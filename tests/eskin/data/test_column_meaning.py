@@ -10,6 +10,7 @@ import pytest
 import eskin
 from eskin.data import Reading, load_recordings
 from eskin.data.archive import load_archive, save_archive
+from eskin.data.table import Table
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from tests.support.table import each_row, refused
@@ -116,6 +117,10 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
     assert read(tmp_path, table(labels=["1234567", "1234568"])).class_names == ("1234567", "1234568")
     assert read(tmp_path, table(labels=["x" + "1" * 5000, "x" + "2" * 5000])).labels.tolist() == [0, 1] * 4
     assert read(tmp_path, table(names="0,1,2")).taxels == 3
+    rows = "\n".join(f"{k},{500 + 7 * k % 91},{250 + 5 * k % 83}" for k in range(30))
+    assert texts(tmp_path / "index", lambda number: f",10,20\n{rows}", AT).channel_names == ("10", "20")
+    with refused("line 1: column 2 holds an empty cell"):
+        texts(tmp_path / "gap", lambda number: f"5,,3\n{rows}", AT)
 
 
 def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):
@@ -138,7 +143,9 @@ def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
         assert np.array_equal(again.samples, recordings.samples)
 
 
-def test_a_data_frame_is_a_long_table():
+def test_a_data_frame_is_a_long_table(monkeypatch):
+    part, rows = Table.part, []
+    monkeypatch.setattr(Table, "part", lambda table, row: rows.append(row) or part(table, row))
     frame = pd.DataFrame(CODES.reshape(-1, 3), columns=["a", "b", "c"]).assign(
         recording=np.repeat(range(8), FRAMES)
     )
@@ -149,6 +156,7 @@ def test_a_data_frame_is_a_long_table():
     recordings = eskin.load(frame.set_index("recording"))
     assert np.array_equal(recordings.samples, CODES.reshape(-1, 3)) and recordings.sample_rate_hz == 250
     assert recordings.class_names == ("felt", "wool") and recordings.source == "DataFrame"
+    assert len(rows) < 8 * 8  # of eight recordings: the work does not grow with their square
     frame.loc[70, "class"] = np.nan
     with refused("'DataFrame', line 71: column 'class' holds an empty cell"):
         eskin.load(frame)

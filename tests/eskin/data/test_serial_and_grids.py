@@ -1,5 +1,7 @@
 """Stamps of serial monitors, grids of taxels, one taxel, hundreds of empty columns, files of other tools."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.io import savemat
 
@@ -51,13 +53,25 @@ def test_a_stamp_in_front_of_a_line_hides_no_taxel(tmp_path, stamp, sign, readin
         read("", 1, f"5\n{stamp(40)}5")
 
 
-def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path):
+@each_row(
+    "stamp, between",
+    [("T+{:02d}ms | {}", ","), ("{:02d} | {}", ","), ("14:02:{:02d}.005:{}", ","), ("10{:02d};{}", " ")],
+)
+def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path, stamp, between):
+    rows = lambda n: (stamp.format(k, between.join(map(str, row))) for k, row in enumerate(FLAT[n].tolist()))
     with refused("column 1 holds a number behind a text; separate them"):
-        texts(
-            tmp_path,
-            lambda n: "\n".join(f"T+{k:02d}ms | {a},{b}" for k, (a, b, *_) in enumerate(FLAT[n])),
-            AT,
-        )
+        texts(tmp_path, lambda n: "\n".join(rows(n)), AT)
+    tab = lambda n: (f"{1000 + 5 * k}\t{' '.join(map(str, row))}" for k, row in enumerate(FLAT[n].tolist()))
+    assert np.array_equal(texts(tmp_path, lambda n: "\n".join(tab(n)), AT).recording(1), FLAT[2])
+
+
+@each_row(
+    "when", [lambda k: f"frame_{k:03d}", lambda k: f"2026-05-01 14:0{k // 20}:{k % 20 * 3 + k % 2:02d}"]
+)
+def test_text_that_counts_is_left_out(tmp_path, when):
+    rows = lambda n: (f"{a};{when(k)};{b}" for k, (a, b, *_) in enumerate(FLAT[n].tolist()))
+    made = texts(tmp_path, lambda n: "\n".join(["a;when;b", *rows(n)]), AT)
+    assert made.taxels == 2 and any("'when' increases like a time" in note for note in made.notes)
 
 
 @each_row("ending, write", [("npy", np.save), ("mat", lambda path, array: savemat(path, {"skin": array}))])
@@ -97,6 +111,9 @@ def test_containers_and_lists_of_grids_and_of_one_taxel(tmp_path):
         assert len(Recordings.of(ragged, [0, 1], sample_rate_hz=200)) == 2
         with refused("ndarray of objects .* give .* a list of such arrays"):
             Recordings.of(objects, [0, 1], sample_rate_hz=200)
+    for turned in (GRIDS.transpose(0, 2, 3, 1), [*FLAT.transpose(0, 2, 1)]):
+        with refused("array 0 has shape .* more taxels than frames; frames come first: transpose"):
+            Recordings.of(turned, [0, 1, 0, 1], sample_rate_hz=200)
 
 
 @each_row("head", [",".join(f"s{k}" for k in range(406)), ",".join("abcdef") + "," * 400])
@@ -118,11 +135,21 @@ def test_the_number_of_a_column_is_its_class(tmp_path):
     text = lambda n: "\n".join(f"{a},{b},{n % 2}" for a, b, *_ in FLAT[n].tolist())
     with refused("column 3 has one value .* or the class with --class 3"):
         texts(tmp_path, text, AT)
+    by_number = Reading(rate_hz=200, label="3")
+    assert any(
+        "column 3 gives the class, the file the" in note for note in texts(tmp_path, text, by_number).notes
+    )
     (tmp_path / "all.csv").write_text("\n\n".join(map(text, range(4))))
     with refused("no header: give the number of a column, 1 to 3: name it with --class"):
         load_recordings(tmp_path / "all.csv", reading=AT)
-    made = load_recordings(tmp_path / "all.csv", reading=Reading(rate_hz=200, label="3"))
+    made = load_recordings(tmp_path / "all.csv", reading=by_number)
     assert made.labels.tolist() == [0, 1, 0, 1] and made.taxels == 2
+    with refused("--columns: column 3 says class or recording; leave it out of the taxels"):
+        load_recordings(tmp_path / "all.csv", reading=replace(by_number, columns=("1-3",)))
+    timed = lambda n: "\n".join(f"{k * (1 + n // 3) / 200},{row}" for k, row in enumerate(text(n).split()))
+    (tmp_path / "all.csv").write_text("\n\n".join(map(timed, range(4))))
+    with refused("'recording 3' has 100 frames a second and 'recording 2' 200"):
+        load_recordings(tmp_path / "all.csv", reading=Reading(label="4"))
 
 
 def test_files_of_edge_impulse_are_refused_with_what_to_do(tmp_path):
