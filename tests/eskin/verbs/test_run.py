@@ -308,7 +308,7 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
         assert any("held back" in sentence for sentence in record.warnings) == bool(seen)
         assert record.passed
     # one rule as `evaluate` has it, and a figure below what was quoted
-    worse = evaluation(12, agreement=0.979, integer=0.7)
+    worse = evaluation(12, agreement=0.979, integer=0.3)
     judge.side_effect = lambda folder, loaded: worse if loaded.source == "held" else chain.evaluation
     record = run(tmp_path / "worse", test="held")
     assert [check.name for check in record.checks if not check.held] == [
