@@ -64,7 +64,9 @@ class ClassNames(np.ndarray):
 
     def __getitem__(self, index: Any) -> Any:
         numbers = np.asarray(index)
-        if numbers.dtype.kind not in "iu" or (numbers >= len(self)).any() or (numbers < -1).any():  # slices, masks, no class
+        if (
+            numbers.dtype.kind not in "iu" or (numbers >= len(self)).any() or (numbers < -1).any()
+        ):  # slices, masks, no class
             return super().__getitem__(index)
         return np.append(np.asarray(self), NO_CLASS)[index]
 
@@ -557,7 +559,9 @@ class Model:
                     f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or "
                     f"{', '.join(map(str, numbers))}"
                 )
-            warnings.warn(f"score: {label!r} is no class that fit was given, and counts as wrong", stacklevel=4)
+            warnings.warn(
+                f"score: {label!r} is no class that fit was given, and counts as wrong", stacklevel=4
+            )
         return np.array(indices, dtype=np.int64).reshape(array.shape)
 
     def stream(self, *, integer: bool = True) -> Stream:
@@ -637,6 +641,8 @@ class Model:
         sensor, array = self.config.sensor, cast(Any, frames)
         if getattr(array, "ndim", 0) == 3 and array.shape[2] != sensor.taxels == array[0].size:
             frames = [array]  # one recording of rows and columns
+        if sensor.taxels == 1 and isinstance(array, list | tuple):  # a vector is a recording
+            frames = [np.asarray(part)[:, None] if getattr(part, "ndim", 0) == 1 else part for part in array]
         if self.config.is_image:
             recordings = _of_images(frames, None, names, sensor.sample_rate_hz)
         else:
