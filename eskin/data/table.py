@@ -58,7 +58,8 @@ class Table:
     called in messages, in quotation marks. path: the class's folder, levels between, file. attributes: values that hold
     for all rows. breaks: rows before which the source itself has a blank line or a new head. units: of each column.
     clock: the time column, and grid: rows and columns of the taxels, where the source's form says them. taxels: their
-    columns, and class_names: the classes in order, where the source lists them. parts, firsts: of several sources the
+    columns, and class_names: the classes in order, of which the number first_class is the first unless the numbers tell
+    another, where the source lists them. parts, firsts: of several sources the
     tables, and the first row of each; source, path and attributes are then the first table's.
     """
 
@@ -74,6 +75,7 @@ class Table:
     clock: int | None = None
     row_is: str = "line"
     class_names: Names = ()
+    first_class: int = 0
     notes: Names = ()
     width: int = 0
     grid: tuple[int, ...] = ()

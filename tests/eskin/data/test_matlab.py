@@ -44,6 +44,7 @@ def write(path, **changes):
         {"samples": np.concatenate(PARTS), "offsets": np.cumsum([0, *map(len, PARTS)])},
         {"labels": cells(["silk", "felt", "silk", "felt"])},
         {"fs": None, "sample_rate_hz": 250},
+        {"class_names": None, "label_names": cells(["silk", "felt"])},
     ],
 )
 def test_recordings_in_several_forms(tmp_path, changes):
@@ -75,6 +76,9 @@ BROKEN = [
     ),
     ({"labels": np.array([1, 2, 1])}, "give one name or whole number for each of the 4 recordings"),
     ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names, numbered 1 to 2"),
+    ({"labels": np.array([0, 1, 0, -1])}, "runs from -1 to 1 .* numbered 0 to 1; leave other recordings out"),
+    ({"labels": np.array([1, 0.5, 2, 1])}, "array labels: holds 0.5; give one name or whole number for each"),
+    ({"class_names": np.array([1, 2])}, "array class_names: is not a list of text"),
     ({"samples": cells(["a", "b", "c", "d"])}, "recording 0 is"),
     ({"samples": PARTS[0]}, "or one table and an array offsets"),
     ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "does not rise after entry 1"),
