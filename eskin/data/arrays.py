@@ -73,8 +73,9 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, sing
     found = _Arrays(root, path, reading, refuse)
     named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
     label = reading.label or next((name for name in LABELS if name in root.arrays), "")
-    words, first = CLASS_NAMES, int(path.suffix.lower() == ".mat")  # MATLAB counts from 1
-    if single and named in root.arrays:
+    words: Names = CLASS_NAMES
+    first = int(path.suffix.lower() == ".mat")  # MATLAB counts from 1
+    if single and named in root.arrays and not label.isdecimal():  # the number of a table's column
         tables = found.array_tables(named, label)
     else:
         words = words[:-1] if re.search("class|label", reading.label or "class", re.I) else ()

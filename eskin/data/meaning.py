@@ -391,6 +391,8 @@ class _Meaning:
         names, name = table.names, table.names[column].lower() if table.names else ""
         if name in _GROUPS:
             return "group", ""
+        if table.is_empty(column):
+            return "empty", ""
         text = table.is_text(column)
         values = _codes(table.frame[column]) if text else table.parsed(column)
         course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
@@ -407,7 +409,6 @@ class _Meaning:
         choose = f"choose the taxels with --columns, or the class with --class {column + 1}"
         fix = "separate them, or choose the taxels with --columns"
         rules = (
-            (text and not table.frame[column].astype(bool).any(), "empty", ""),
             (runs and text and self._is_glued(column), "refused", f"holds a number behind a text; {fix}"),
             (TIME.match(name) or "header.stamp" in name, "left out", "is time, too,"),
             (known and level, "group", "describes a recording"),

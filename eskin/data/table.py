@@ -138,6 +138,11 @@ class Table:
         """(rows) where a cell has no value, or one of the words for none."""
         return self.frame[column].astype(str).str.lower().isin(MISSING).to_numpy()
 
+    def is_empty(self, column: int) -> bool:
+        """True if no cell of a column has a value."""
+        cells = self.frame[column].unique()
+        return len(cells) < 9 and {str(cell).lower() for cell in cells} <= {*MISSING, "na", "-"}
+
     def check_filled(self, column: int) -> None:
         """Raise InputError for a column with an empty cell, or with a word for a missing value."""
         empty = self.is_missing(column)
@@ -231,9 +236,13 @@ def table_of(frame: DataFrame, source: str, **more: Any) -> Table:
     names = [str(name) for name in frame.columns]
     frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
     for column in frame.select_dtypes(exclude=["number", "datetime", "datetimetz"]):
-        frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
+        frame[column] = frame[column].astype(object).where(frame[column].notna(), "").map(_text)
     units = (str(units_of),) * len(names) if units_of else ()
     return Table(frame, tuple(names), source, units=units, **more)
+
+
+def _text(cell: object) -> str:
+    return cell.decode("utf-8", "replace") if isinstance(cell, bytes) else str(cell)
 
 
 def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:

@@ -60,6 +60,10 @@ def test_stacks_and_real_samples(tmp_path):
     recordings = load_recordings(write(tmp_path / "r.mat", samples=stack, class_names=None))
     assert recordings.class_names == ("1", "2") and recordings.volt_per_code == 5e-3
     assert np.abs(recordings.recording(2) * recordings.volt_per_code - stack[2]).max() <= 0.0025 + 1e-9
+    table = np.vstack([np.column_stack([part, np.full(20, number)]) for number, part in enumerate(stack)])
+    savemat(tmp_path / "t.mat", {"data": table, "fs": 250.0})
+    by_number = load_recordings(tmp_path / "t.mat", reading=Reading(label="5", recording="5"))
+    assert len(by_number) == 4 and by_number.taxels == 4
     named = load_recordings(
         write(tmp_path / "r.mat", samples=None, touch=cells(PARTS)),
         reading=Reading(samples="touch", rate_hz=10),
