@@ -641,6 +641,8 @@ class Model:
         sensor, array = self.config.sensor, cast(Any, frames)
         if getattr(array, "ndim", 0) == 3 and array.shape[2] != sensor.taxels == array[0].size:
             frames = [array]  # one recording of rows and columns
+        if sensor.taxels == 1 and isinstance(array, list | tuple):  # a vector is a recording
+            frames = [np.asarray(part)[:, None] if getattr(part, "ndim", 0) == 1 else part for part in array]
         if self.config.is_image:
             recordings = _of_images(frames, None, names, sensor.sample_rate_hz)
         else:

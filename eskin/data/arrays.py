@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
@@ -19,8 +19,8 @@ from eskin.golden.data.recordings import check_offsets, natural
 
 SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
 LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
-CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
-"""Names of the array of class names, in the order of preference."""
+CLASS_NAMES = ("class_names", "classNames", "classnames", "label_names", "names")
+"""Names of the array of class names, in the order of preference; beside many arrays the last may name anything."""
 MOST_SIDE, MOST_TAXELS = 32, 256
 """Rows or columns of a grid at most, which the frames of a recording exceed, and its taxels."""
 
@@ -73,9 +73,12 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, sing
     found = _Arrays(root, path, reading, refuse)
     named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
     label = reading.label or next((name for name in LABELS if name in root.arrays), "")
-    if single and named in root.arrays:
+    words: Names = CLASS_NAMES
+    first = int(path.suffix.lower() == ".mat")  # MATLAB counts from 1
+    if single and named in root.arrays and not label.isdecimal():  # the number of a table's column
         tables = found.array_tables(named, label)
     else:
+        words = words[:-1] if re.search("class|label", reading.label or "class", re.I) else ()
         tables = [] if single and label in root.arrays else [*found.group_tables(root, (), {})]
     if not tables:
         problem = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) or (frames, rows, columns) a recording)"
@@ -87,6 +90,12 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, sing
         shape = f"{shapes[0][0]} x {shapes[0][1]}"
         why = f"has more taxels than frames ({shape} in recording 0) in {root.listed()}"
         refuse(f"{why}; frames must be rows; transpose the table, or name the taxels with --columns")
+    word = next((word for word in words if word in root.arrays), "")
+    if word:
+        texts = _vector(root.arrays[word])
+        if texts is None or texts.dtype.kind != "U":
+            refuse("is not a list of text", word)
+        tables = [replace(each, class_names=tuple(texts.tolist()), first_class=first) for each in tables]
     return tables
 
 
@@ -142,35 +151,20 @@ class _Arrays:
             if vector is not None and len(vector) == len(parts)
         }
         if label not in own or own[label].dtype.kind == "f":
-            why = f"has shape {arrays[label].shape}; give one name or whole number for each of the {len(parts)} recordings"
-            self.refuse(why, label)
-        values, names = own.pop(label), np.zeros(0, dtype=np.str_)
+            why = f"give one name or whole number for each of the {len(parts)} recordings"
+            shape = f"has shape {arrays[label].shape}"
+            odd = next((f"holds {each}" for each in own.get(label, ()) if each % 1 != 0), shape)
+            self.refuse(f"{odd}; {why}", label)
+        values = own.pop(label)
+        own.pop(next((each for each in CLASS_NAMES if each in arrays), ""), None)
         notes = [f"array {name} holds {len(parts)} recordings, array {label} their classes"]
-        named = next((each for each in CLASS_NAMES if each in arrays), "")
-        if named:
-            texts = vectors[named]
-            if texts is None or texts.dtype.kind != "U":
-                self.refuse("is not a list of text", named)
-            names = texts
-        if named and values.dtype.kind != "U":
-            first = int(self.path.suffix.lower() == ".mat")  # MATLAB counts from 1, unless the numbers tell
-            first = 0 if not values.min() else 1 if values.max() == len(names) else first
-            last = len(names) - 1 + first
-            if values.min() < first or values.max() > last:
-                why = f"runs from {values.min()} to {values.max()} and there are {len(names)} class names"
-                self.refuse(f"{why}, numbered {first} to {last}", label)
-            values = names[values - first]
-            notes.append(f"classes are numbered from {first}")
         shared = {**self.root.attributes, **self.root.of_arrays.get(name, {})}
-        own.pop(named, None)
         tables = []
         for number, part in enumerate(parts):
             attributes = {**shared, **{each: vector[number].item() for each, vector in own.items()}}
-            attributes |= {self.reading.label or "class": str(values[number])}
+            attributes |= {self.reading.label or "class": values[number].item()}
             where = f"array {name}, recording {number}"
-            tables.append(
-                self.table(part, where, (), attributes, notes=tuple(notes), class_names=tuple(names))
-            )
+            tables.append(self.table(part, where, (), attributes, notes=tuple(notes)))
         return tables
 
     def parts(self, samples: np.ndarray, name: str) -> list[np.ndarray]:

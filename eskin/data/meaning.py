@@ -248,11 +248,29 @@ class _Meaning:
         if label is None:
             return self._levels(of_one_file)
         self.level = 0
-        self.labels = self.fact(label).astype(str)
+        classes = self.fact(label)
+        if classes.dtype.kind == "i":
+            classes = self._numbered(classes)
+        self.labels = classes.astype(str)
         if isinstance(label, str):
             return f"attribute {label} is the class"
         by = table.called(named[0]) if named else "blank lines" if breaks else "the file"
         return f"{table.called(label)} gives the class, {by} the recording"
+
+    def _numbered(self, numbers: np.ndarray) -> np.ndarray:
+        """The names of classes by their numbers, if the sources agree on names; a number 0, or one of the last, tells where
+        they begin."""
+        table, names, last = self.table, self.table.class_names, len(self.table.class_names)
+        if len({each.class_names for each in self.tables}) > 1 or not names:
+            return numbers
+        first = 0 if 0 in numbers else 1 if last in numbers else table.first_class
+        low, high = numbers.min(), numbers.max()
+        if low < first or high >= first + last:
+            why = f"the class runs from {low} to {high} and there are {last} class names, numbered {first} to {first + last - 1}"
+            table.refuse(f"{why}; leave other recordings out, or name their classes")
+        doubt = f"; none is 0 or {last}, which would tell: give names as labels to be sure"
+        self.notes.append(f"classes are numbered from {first}" + doubt * ({0, last}.isdisjoint(numbers)))
+        return np.array(names)[numbers - first]
 
     def _levels(self, of_one_file: bool) -> str:
         """As ``part``, by the first level of the paths."""
@@ -373,6 +391,8 @@ class _Meaning:
         names, name = table.names, table.names[column].lower() if table.names else ""
         if name in _GROUPS:
             return "group", ""
+        if table.is_empty(column):
+            return "empty", ""
         text = table.is_text(column)
         values = _codes(table.frame[column]) if text else table.parsed(column)
         course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
@@ -389,7 +409,6 @@ class _Meaning:
         choose = f"choose the taxels with --columns, or the class with --class {column + 1}"
         fix = "separate them, or choose the taxels with --columns"
         rules = (
-            (text and not table.frame[column].astype(bool).any(), "empty", ""),
             (runs and text and self._is_glued(column), "refused", f"holds a number behind a text; {fix}"),
             (TIME.match(name) or "header.stamp" in name, "left out", "is time, too,"),
             (known and level, "group", "describes a recording"),

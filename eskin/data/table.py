@@ -58,7 +58,8 @@ class Table:
     called in messages, in quotation marks. path: the class's folder, levels between, file. attributes: values that hold
     for all rows. breaks: rows before which the source itself has a blank line or a new head. units: of each column.
     clock: the time column, and grid: rows and columns of the taxels, where the source's form says them. taxels: their
-    columns, and class_names: the classes in order, where the source lists them. parts, firsts: of several sources the
+    columns, and class_names: the classes in order, of which the number first_class is the first unless the numbers tell
+    another, where the source lists them. parts, firsts: of several sources the
     tables, and the first row of each; source, path and attributes are then the first table's.
     """
 
@@ -74,6 +75,7 @@ class Table:
     clock: int | None = None
     row_is: str = "line"
     class_names: Names = ()
+    first_class: int = 0
     notes: Names = ()
     width: int = 0
     grid: tuple[int, ...] = ()
@@ -135,6 +137,11 @@ class Table:
     def is_missing(self, column: int) -> np.ndarray:
         """(rows) where a cell has no value, or one of the words for none."""
         return self.frame[column].astype(str).str.lower().isin(MISSING).to_numpy()
+
+    def is_empty(self, column: int) -> bool:
+        """True if no cell of a column has a value."""
+        cells = self.frame[column].unique()
+        return len(cells) < 9 and {str(cell).lower() for cell in cells} <= {*MISSING, "na", "-"}
 
     def check_filled(self, column: int) -> None:
         """Raise InputError for a column with an empty cell, or with a word for a missing value."""
@@ -229,9 +236,13 @@ def table_of(frame: DataFrame, source: str, **more: Any) -> Table:
     names = [str(name) for name in frame.columns]
     frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
     for column in frame.select_dtypes(exclude=["number", "datetime", "datetimetz"]):
-        frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
+        frame[column] = frame[column].astype(object).where(frame[column].notna(), "").map(_text)
     units = (str(units_of),) * len(names) if units_of else ()
     return Table(frame, tuple(names), source, units=units, **more)
+
+
+def _text(cell: object) -> str:
+    return cell.decode("utf-8", "replace") if isinstance(cell, bytes) else str(cell)
 
 
 def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:

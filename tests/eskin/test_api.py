@@ -1,6 +1,7 @@
 """eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import eskin
@@ -9,6 +10,7 @@ from eskin.golden.model import run
 from eskin.training.made_up import random_images
 from tests.support.folder import exchanges
 from tests.support.image_scenes import random_image_model
+from tests.support.random_models import random_integer_model
 from tests.support.recipes import few_updates
 from tests.support.table import refused
 from tests.support.touch_scenes import SMALL, scene
@@ -45,6 +47,15 @@ def test_every_form_of_frames_gives_the_same(model):
     frames = min(map(len, arrays[2:4]))
     assert len(model.predict(np.stack([array[:frames] for array in arrays[2:4]]))) == 2
     assert np.array_equal(model.predict(recordings, integer=False), run(model.real, recordings).decision)
+
+
+def test_vectors_are_recordings_of_one_taxel():
+    model = eskin.Model()
+    model._integer = random_integer_model(AcceleratorConfig.of(taxels=1, sample_rate_hz=100.0), 1)
+    vectors = [np.arange(50), np.arange(50) % 7]
+    alike = model.predict([vector[:, None] for vector in vectors])
+    for frames in (vectors, tuple(vectors), [*vectors, [[5], [6]]], [pd.Series(each) for each in vectors]):
+        assert np.array_equal(model.predict(frames)[:2], alike)
 
 
 def test_scores_are_those_that_decide(model):

@@ -285,6 +285,6 @@ def test_any_recording_written_as_text_is_read_back(tmp_path_factory, rows, deli
     text = lambda number: written(samples, time=None, delimiter=delimiter, header=header)
     reading = Reading(rate_hz=10.0, columns=("1-4",))
     recordings = texts(tmp_path_factory.mktemp("any"), text, reading, count=1)
-    step = recordings.volt_per_code or 1.0
+    step = np.array(recordings.volt_per_code or 1.0)
     assert recordings.samples.shape == samples.shape
-    assert np.abs(recordings.samples * step - samples).max() <= 0.5000001 * step * real
+    assert (np.abs(recordings.samples * step - samples) <= 0.5000001 * step * real).all()
