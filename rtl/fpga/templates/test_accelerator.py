@@ -1,6 +1,7 @@
 """One recording into the accelerator under cocotb: every value of every stage is compared with the golden model's.
 
-vectors.npz holds the recording (samples) and the golden model's values: an array of each probe, the decision words.
+vectors.npz holds the recording (samples) and the golden model's values: an array of each probe, the decision words, the
+registers STATUS, TOUCHES and FAULTS at its end (end).
 To run: pip install cocotb numpy && make SIM=icarus (or SIM=verilator)
 """
 
@@ -38,6 +39,14 @@ async def write(dut, address, word):
     dut.bus__w_stb.value = 0
 
 
+async def check(dut, name, want, ignored=0):
+    dut.bus__addr.value, dut.bus__r_stb.value = REGISTERS["registers"][name], 1
+    await FallingEdge(dut.clk)
+    dut.bus__r_stb.value, got = 0, dut.bus__r_data.value.to_unsigned() & ~ignored
+    if got != want:
+        raise AssertionError(f"register {name}: expected {want}, got {got}")
+
+
 async def command(dut, name):
     await write(dut, REGISTERS["registers"]["CONTROL"], REGISTERS["bits"]["CONTROL"][name])
     quiet = 0  # some cycles pass before busy shows it
@@ -62,16 +71,21 @@ async def send(dut, frame):
 async def recording(dut):
     """Load the model, play the recording, and see all that the golden model sees."""
     vectors = dict(np.load(FOLDER / "vectors.npz"))
-    frames, seen = vectors.pop("samples"), dict.fromkeys(vectors, 0)
+    frames, (status, touches, faults) = vectors.pop("samples"), vectors.pop("end").tolist()
+    seen = dict.fromkeys(vectors, 0)
     Clock(dut.clk, 10, unit="ns").start()
     dut.rst.value = dut.o__ready.value = 1
     dut.i__valid.value = dut.bus__w_stb.value = dut.bus__r_stb.value = 0
-    await Timer(45, "ns")  # a falling edge
+    await Timer(46, "ns")  # behind a falling edge, so that the next one is another
     dut.rst.value = 0
     for stage, expected in vectors.items():
         cocotb.start_soon(follow(dut, stage, expected, seen))
+    await check(dut, "ID", REGISTERS["id"])
+    await check(dut, "VERSION", REGISTERS["version"])
     for line in (FOLDER / "load.hex").read_text().split():
         await write(dut, *divmod(int(line, 16), 1 << 16))
+    await write(dut, REGISTERS["registers"]["MEASURE"], REGISTERS["measures"]["STEP"])
+    await with_timeout(command(dut, "CLEAR_FAULTS"), 100, "ms")
     await with_timeout(command(dut, "ARM"), 100, "ms")
     for frame in frames:
         await with_timeout(send(dut, frame), 10, "ms")
@@ -81,4 +95,9 @@ async def recording(dut):
             raise AssertionError(f"stage {stage}: {len(expected) - seen[stage]} missing")
     if not seen["decision"]:
         raise AssertionError("vectors.npz: holds no decision, so nothing was compared")
+    waits = sum(REGISTERS["bits"]["FAULTS"][name] for name in ("INPUT_STALLED", "OVERRUN"))
+    await check(dut, "FAULTS", faults, waits)  # frames come as fast as they are taken
+    await check(dut, "STATUS", status)
+    await check(dut, "TOUCHES", touches % 256)
+    await check(dut, "LONGEST", REGISTERS["longest_step"])
     dut._log.info("%d values in %d frames are bit-exact", sum(seen.values()), len(frames))
