@@ -48,7 +48,7 @@ from eskin.rtl.program.memory_map import (
     words_per_entry,
 )
 from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
-from eskin.rtl.program.schedule import longest_step
+from eskin.rtl.program.schedule import longest_step, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.sensing import Sensing
 from eskin.rtl.top.system import Bus, System
@@ -195,6 +195,7 @@ def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, in
 def register_map(config: AcceleratorConfig) -> Record:
     """The register map as plain values."""
     named = ImageMemory if config.is_image else memories(config)
+    words, readout = -(-config.sensor.taxels // 16), config.readout_rule
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
@@ -212,9 +213,13 @@ def register_map(config: AcceleratorConfig) -> Record:
             **({} if config.is_forest else {"WEIGHTS0" if config.is_image else "LANE0": 0}),
             **{memory.name: int(memory) for memory in named},
         },
+        # words of each register that is read behind a recording
+        "behind": dict.fromkeys(("FAULTS", "LONGEST", "STATUS", "TOUCHES", "VERSION"), 1)
+        | {"TAXEL_FAULTS": words * (config.faults.fault_frames > 0), "TAUGHT": int(readout.taught > 0)},
         "longest_step": longest_step(config),
+        "step_cycles": step_cycles(config),
         "lanes": config.hardware.lanes,
-        "mask_words": -(-config.sensor.taxels // 16),
+        "mask_words": words,
     }
 
 
