@@ -172,7 +172,7 @@ def registers_behind(
     flags, taught:
         Fault flags of the taxels; taught touches in use.
     faults, may_be:
-        Bits of FAULTS that must be beside that of the flags, and those that may be.
+        Bits of FAULTS that must be, apart from TAXEL, and those that may be.
     """
     # it grows with a step that the recording's end cuts short, too, but not so far
     longest = map_["longest_step"] if steps else min(got["LONGEST"], map_["longest_step"] - 1)
@@ -225,7 +225,7 @@ class Scoreboard:
         self._offered: list[int] = []
 
     def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
-        """The next values of a stage, and the cycles they came in; those of ``step``, the cycles of each, are not
+        """The next values of a stage, and the cycles they came in. The cycles of steps are not
         counted.
 
         Raises

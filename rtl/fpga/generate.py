@@ -259,7 +259,8 @@ def _write_bench(config: AcceleratorConfig, folder: Path, vectors: Path, module:
         rows = archive["decision"][: archive["decision_offsets"][1]]
         arrays["samples"] = archive["samples"][: archive["offsets"][1]]
         faults = Fault.TAXEL * archive["flags"][0].any() if "flags" in archive else 0
-        arrays["end"] = np.array([archive["status"][0], archive["touches"][0], faults])
+        state = archive["status"][0], archive["touches"][0] % 256
+        arrays["end"] = np.array([ID_VALUE, VERSION_VALUE, *state, faults])
     words = np.array([pack_decision(config, row) for row in rows], np.uint32)
     np.savez_compressed(folder / "vectors.npz", allow_pickle=False, decision=words.view(np.int32), **arrays)
     (folder / BENCH.name).write_text(BENCH.read_text())

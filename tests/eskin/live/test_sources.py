@@ -123,8 +123,8 @@ def test_a_false_register_is_seen(model, recordings, register, value):
     """In lock step no frame waits."""
     twin = Twin(model)
     twin.registers[register] = value
-    said = Stage(SimulationSource(model, twin), recordings).go().player.tally.sentences
-    assert f"register {register} reads {value} and the model expects 0" in said
+    tally = Stage(SimulationSource(model, twin), recordings).go().player.tally
+    assert f"register {register} reads {value} and the model expects 0" in tally.sentences
 
 
 @pytest.mark.slow

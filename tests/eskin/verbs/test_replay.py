@@ -73,7 +73,7 @@ NO_SUCCESS = [
     (1, {Register.TAXEL_FAULTS: 0xFFFF}, "(TAXEL_FAULTS): expected "),
     (1, {Register.LONGEST: 3}, "(LONGEST): expected "),
 ]
-"""Recordings beside that without a touch, registers of the board, what is said."""
+"""Recordings with a touch, registers of the board, words of the result."""
 COLUMNS = {"step": 1, "class": 2, "margin": 3}
 
 
