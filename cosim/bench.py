@@ -19,13 +19,13 @@ from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Tim
 from eskin.cosim.results import Answer, Conversion
 from eskin.cosim.scoreboard import (
     INPUT_STALLED,
-    KEPT,
     WRITE_REFUSED,
     Mismatch,
     Recording,
     Scoreboard,
     flat_stages,
     loading,
+    read_behind,
 )
 from eskin.golden.core import AcceleratorConfig, write_json
 from eskin.golden.core.converters import code_bits
@@ -297,11 +297,10 @@ class Bench:
         await self._look("FINISH")
         await self.until(dut.idle)
         dut.measured.value = 0
-        words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
-        status = {name: await self.bus.read(name) for name in KEPT}
-        flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
+        every = [(name, word) for name, words in self.map["behind"].items() for word in range(words)]
+        words = {place: await self.bus.read(*place) for place in every}
         self.scoreboard.faults |= INPUT_STALLED * source.stalled
-        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.accepted, finished)
+        self.scoreboard.end(read_behind(self.map, lambda *place: words[place]), source.accepted, finished)
 
     async def _look(self, after: str) -> None:
         self.scoreboard.look(after, await self.bus.read("STATUS"))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from eskin.cosim.device import FRAME_END, SETTLE, Accelerator, Design
 from eskin.cosim.results import Answer
-from eskin.cosim.scoreboard import INPUT_STALLED, KEPT, Mismatch, Recording, Scoreboard, loading
+from eskin.cosim.scoreboard import INPUT_STALLED, Mismatch, Recording, Scoreboard, loading, read_behind
 from eskin.golden.core import Progress, SimulationError
 
 if TYPE_CHECKING:
@@ -67,9 +67,7 @@ def play(
             looks["FINISH"] = device.register("STATUS")
             for _ in range(2):  # with a watchdog the engine begins anew behind the last decision
                 device.settle(device.limit, SETTLE)
-            words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
-            flags = sum(device.register("TAXEL_FAULTS", k) << 16 * k for k in words)
-            status = {name: device.register(name) for name in KEPT} | {"TAXEL_FAULTS": flags}
+            status = read_behind(registers, device.register)
         return device, armed, finished, looks, status
 
     scoreboard, counts = Scoreboard(config, registers, probes=hardware.probes), Counter[str]()

@@ -44,6 +44,8 @@ WRITE_REFUSED, INPUT_STALLED, OVERRUN, TAXEL_FAULT = 1, 2, 8, 64
 """Bits of FAULTS that a recording may raise."""
 MARGIN_FRAMES, MARGIN_BEATS = 4, 16
 """Most that is on its way between a frame's conversion and the detector's state."""
+ODD = 1 << 9
+"""Bit of TAUGHT that says nothing by itself."""
 
 
 def flat_stages(config: AcceleratorConfig) -> dict[str, str]:
@@ -119,7 +121,10 @@ class Recording:
     def look(self) -> int:
         """Frames behind which the first touch is open whatever is on its way; 0: it never is for certain."""
         begin, end = self.arrays["open"][self.position].tolist()
-        margin = MARGIN_FRAMES + MARGIN_BEATS // self.arrays["samples"].shape[1]
+        margin = MARGIN_BEATS // self.arrays["samples"].shape[1]
+        if "map" in self.arrays:  # open from its first pixel to its decision, and without a converter
+            return (begin + margin) * (begin + margin < end)
+        margin += MARGIN_FRAMES
         return (begin + margin) * (0 < begin < end - 2 * margin)
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -137,30 +142,48 @@ def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
     return map_, [*writes, (map_["registers"]["MEASURE"], map_["measures"]["STEP"])]
 
 
+def read_behind(map_: Mapping[str, Any], read: Callable[[str, int], int]) -> dict[str, int]:
+    """The registers that are read behind a recording, by ``read(name, word)``; the words of several as one number."""
+    return {
+        name: sum(read(name, word) << 16 * word for word in range(words))
+        for name, words in map_["behind"].items()
+    }
+
+
 def registers_behind(
+    config: AcceleratorConfig,
     map_: Mapping[str, Any],
     got: Mapping[str, int],
     *,
     status: int,
     touches: int,
     steps: int,
-    faults: int,
+    flags: Sequence[int] | np.ndarray,
+    taught: int,
     may_be: int,
+    faults: int = 0,
 ) -> dict[str, int]:
-    """Expected registers of `KEPT` behind a recording that began with CLEAR_FAULTS and ARM, beside those that were ``got``.
+    """Expected registers behind a recording that began with CLEAR_FAULTS and ARM, beside those that were ``got``.
 
     Parameters
     ----------
     map_:
         Register map (eskin.rtl.fpga.generate.register_map).
+    flags, taught:
+        Fault flags of the taxels; taught touches in use.
     faults, may_be:
-        Bits of FAULTS that must be, and those that may be.
+        Bits of FAULTS that must be, apart from TAXEL, and those that may be.
     """
-    # it grows with a step that the recording's end cuts short, too
-    longest = map_["longest_step"] if steps else min(got["LONGEST"], map_["longest_step"])
-    faults |= got["FAULTS"] & may_be
+    # it grows with a step that the recording's end cuts short, too, but not so far
+    longest = map_["longest_step"] if steps else min(got["LONGEST"], map_["longest_step"] - 1)
+    faults |= got["FAULTS"] & may_be | TAXEL_FAULT * bool(np.any(flags))
     want = {"STATUS": status, "FAULTS": faults, "TOUCHES": touches % 256, "LONGEST": longest}
-    return want | {"VERSION": map_["version"]}
+    want |= {"VERSION": map_["version"]}
+    if config.faults.fault_frames:
+        want["TAXEL_FAULTS"] = sum(1 << taxel for taxel in np.flatnonzero(flags).tolist())
+    if config.readout_rule.taught:
+        want["TAUGHT"] = taught | got["TAUGHT"] & ODD
+    return want
 
 
 class Scoreboard:
@@ -195,12 +218,15 @@ class Scoreboard:
         words = [pack_decision(self.config, row) for row in recording["decision"].tolist()]
         self._wanted = {stage: recording[stage] for stage in self._flat}
         self._wanted["decision"] = np.array(words, np.uint32)
+        if self._flat:
+            steps = np.count_nonzero(recording["decision"][:, 0] == 0)
+            self._wanted["step"] = np.full(steps, self._map["step_cycles"])
         self._seen = dict.fromkeys(self._wanted, 0)
         self._offered: list[int] = []
 
     def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
-        """The next values of a stage, and the cycles they came in; of ``step``, the cycles of each, there is no
-        expectation.
+        """The next values of a stage, and the cycles they came in. The cycles of steps are not
+        counted.
 
         Raises
         ------
@@ -209,19 +235,18 @@ class Scoreboard:
         if stage == "step":
             self.counts["steps"] += len(values)
             self.took += values.tolist()
-            return
         cycles = np.full(len(values), -1) if cycles is None else cycles
-        each = 1
+        each = {"decision": len(DECISION_FIELDS), "step": 0}.get(stage, 1)
         if stage == "decision":
-            values, each = values.view(np.uint32), len(DECISION_FIELDS)
+            values = values.view(np.uint32)
             self._offered += cycles.tolist()
             if not self._flat:  # one local decision a step
                 self.counts["steps"] += int((values >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
         low = self._seen[stage]
         self._seen[stage] += len(values)
         wanted = self._wanted[stage][low : low + len(values)]
-        if wanted.size:
-            self.compared[stage] += each * wanted.size
+        if count := each * wanted.size:
+            self.compared[stage] += count
         index = next(iter(np.flatnonzero(values[: len(wanted)] != wanted).tolist()), len(wanted))
         if index < len(values):
             want = int(wanted[index]) if index < len(wanted) else None
@@ -251,7 +276,7 @@ class Scoreboard:
         Parameters
         ----------
         status:
-            Registers of `KEPT` and, where there are fault flags, TAXEL_FAULTS (all of its words as one number).
+            Registers of `read_behind`.
         accepted:
             Cycle of the last taxel of each frame. None: not known, nor whether INPUT_STALLED may be set.
         finished:
@@ -275,18 +300,18 @@ class Scoreboard:
             accepted is None
             or (np.array(self._offered)[local][: len(ends)] > np.array([0, *accepted])[ends - 1]).any()
         )
-        flags = np.flatnonzero(arrays["flags"][position]).tolist() if "flags" in arrays else []
         want = registers_behind(
+            self.config,
             self._map,
             status,
             status=int(arrays["status"][position]),
             touches=int(arrays["touches"][position]),
             steps=int(local.sum()),
-            faults=self.faults | TAXEL_FAULT * bool(flags),
+            flags=arrays["flags"][position] if "flags" in arrays else (),
+            taught=int(arrays["taught"][position]) if "taught" in arrays else 0,
+            faults=self.faults,
             may_be=INPUT_STALLED * (accepted is None) | OVERRUN * bool(waits and len(ends)),
         )
-        if self.config.faults.fault_frames and "TAXEL_FAULTS" in status:
-            want["TAXEL_FAULTS"] = sum(1 << taxel for taxel in flags)
         self._equal({name: (value, status[name]) for name, value in want.items()})
         self.counts["decisions"] += self._seen["decision"]
         LOG.info("recording %d: %s", self.recording.number, self._seen)
@@ -337,5 +362,6 @@ class Scoreboard:
         steps = rows[local, 1]
         ordinal, element = divmod(index, len(self._wanted[stage]) // len(steps))
         touch = np.count_nonzero(steps[: ordinal + 1] == 0) - 1  # every touch begins with its step 0
-        place = f"touch {touch}, step {steps[ordinal]}, {self._flat[stage]} {element}{missing}"
+        of = self._flat.get(stage, "value")
+        place = f"touch {touch}, step {steps[ordinal]}, {of} {element}{missing}"
         return frames[local][ordinal], place, want, got

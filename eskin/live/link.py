@@ -12,6 +12,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from eskin.cosim.scoreboard import read_behind
+
 FLIP = 0x20
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 ESCAPED = re.compile(rb"\x7d(.)", re.DOTALL)
@@ -174,7 +176,7 @@ class Link:
     Parameters
     ----------
     register_map:
-        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``id``, ``version``,
+        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``behind``, ``id``, ``version``,
         ``versions`` that can be read: as in registers.json.
     timeout_s:
         To wait for an answer before the question is asked again.
@@ -225,9 +227,9 @@ class Link:
             )
         known["version"] = version
 
-    def read(self, register: str) -> int:
-        """A register's value."""
-        return self._ask(register).value
+    def read(self, register: str, offset: int = 0) -> int:
+        """A register's value, or that ``offset`` addresses behind it."""
+        return self._ask(register, offset).value
 
     def write(self, writes: Sequence[tuple[int, int]]) -> None:
         """(address, word) writes, each carried out once and in order."""
@@ -314,9 +316,8 @@ class Link:
     def end(self) -> Played:
         """Finish the recording; its decisions are whole unless ``lost``."""
         self._command("FINISH")
-        registers = {"STATUS": self.settle().value}
-        registers |= {name: self.read(name) for name in ("FAULTS", "TOUCHES", "LONGEST", "VERSION")}
-        return Played(self.decisions, self.looks, registers)
+        self.settle()
+        return Played(self.decisions, self.looks, read_behind(self.map, self.read))
 
     def listen(self, timeout_s: float) -> list[int]:
         """Decisions (32-bit payloads) that a device sends unasked; waits at most ``timeout_s`` for the first
@@ -376,8 +377,8 @@ class Link:
             "the device's packet count differs from the packets sent: it was reset, or another program uses its port"
         )
 
-    def _ask(self, register: str) -> Answer:
-        address = link_address(self._registers[register])
+    def _ask(self, register: str, offset: int = 0) -> Answer:
+        address = link_address(self._registers[register] + offset)
         for _ in range(TRIES):
             self._noted(self._transport.read(0))  # answers to earlier questions are too late now
             self._transport.write(read_packet(address))

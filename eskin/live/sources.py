@@ -18,16 +18,16 @@ import numpy as np
 from eskin.cosim.scoreboard import (
     BUSY,
     INPUT_STALLED,
-    KEPT,
     OVERRUN,
-    TAXEL_FAULT,
     pack_decision,
+    read_behind,
     registers_behind,
     unpack_decision,
 )
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.position import PositionStream
+from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import (
     Begin,
@@ -60,7 +60,7 @@ NO_SINCE = -1.0
 class ModelSource:
     """The integer model by itself: frames in, events out."""
 
-    kind = "recordings"
+    kind, stalls = "recordings", INPUT_STALLED
 
     def __init__(self, model: IntegerModel) -> None:
         self.stream = Stream(model)
@@ -160,13 +160,15 @@ class ModelSource:
     def _registers(self, device: str, map_: Mapping, got: Mapping[str, int]) -> list[Event]:
         """A mismatch for each last register of a recording that differs from the model."""
         want = registers_behind(
+            self.config,
             map_,
             got,
             status=self.stream.status,
             touches=self.stream.touches,
             steps=self._steps,
-            faults=TAXEL_FAULT * bool(self.stream.flagged.any()),
-            may_be=INPUT_STALLED | OVERRUN * (self._steps > 2),
+            flags=self.stream.flagged,
+            taught=int(taught_in_use(self.stream.model).sum()),
+            may_be=self.stalls | OVERRUN * (self._steps > 2),
         )
         return self._differing(device, got, want)
 
@@ -181,7 +183,7 @@ class ModelSource:
 class SimulationSource(ModelSource):
     """The simulated RTL in lock step with the model: every value of every stage of each frame is compared."""
 
-    kind = "simulation"
+    kind, stalls = "simulation", 0  # a frame is given to a device that is idle
 
     def __init__(self, model: IntegerModel, device: Accelerator) -> None:
         super().__init__(model)
@@ -205,8 +207,8 @@ class SimulationSource(ModelSource):
     def ended(self, decisions: Sequence[Decision]) -> list[Event]:
         self._device.command("FINISH")
         compared = self._compare(decisions, self._device.brought(), "the recording's end")
-        got = {name: self._device.register(name) for name in KEPT}
-        return compared + self._registers("register", self._device.map, got)
+        map_ = self._device.map
+        return compared + self._registers("register", map_, read_behind(map_, self._device.register))
 
     def close(self) -> None:
         self._device.close()

@@ -30,7 +30,7 @@ MIN_AGREEMENT = 0.98
 LOOKED_AT = 200
 """Images, spread evenly over the classes, on which errors are taken layer by layer."""
 
-OF_LABELS = {"float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance"}
+OF_LABELS = {"float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance", "passed"}
 """Figures that mean nothing where labels are random."""
 
 
@@ -48,7 +48,8 @@ class Evaluation(Accuracies):
     first touches that their recording cut short. confusion: integer model, rows are true classes, columns decided
     ones, the last column none. decision: the configuration's rule. decision_time_s: integer model, mean over the
     decided recordings, from the onset to the end of the window decided on; None: none decided. steps: completed ones;
-    local_agreement: share of them with the same class, None of images. passed: at most MAX_LOSS under float, agreement at least MIN_AGREEMENT.
+    local_agreement: share of them with the same class, None of images. passed: a recording
+    is decided, at most MAX_LOSS under float, agreement at least MIN_AGREEMENT.
     """
 
     recordings: int
@@ -145,5 +146,5 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Evaluation:
         local_agreement=agreement,
         logit_error=logit_error(stages),
         stages=stages,
-        passed=share >= real_share - MAX_LOSS and alike >= MIN_AGREEMENT,
+        passed=decision_time_s is not None and share >= real_share - MAX_LOSS and alike >= MIN_AGREEMENT,
     )

@@ -1,4 +1,5 @@
-"""Compare float with integer stage by stage: errors, saturations, share of the range in use.
+"""Compare float with integer stage by stage: errors, saturations, share of the range in use. With --data the
+check of evaluate decides the exit status.
 
 Example: eskin compare model --data recordings.npz --json compare.json
 """
@@ -26,6 +27,8 @@ def command(request: CompareRequest) -> Record:
         recordings = random_recordings(config, [length] * 12, 1)
     else:
         recordings = recordings_for(request.data, config)
-    result = evaluate(request.model, recordings)
-    show("compare", **dict(result))
-    return result.model_dump(exclude={"passed"} | (OF_LABELS if request.data is None else set()))
+    result = evaluate(request.model, recordings).model_dump(
+        exclude=OF_LABELS if request.data is None else None
+    )
+    show("compare", **result)
+    return result

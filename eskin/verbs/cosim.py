@@ -48,6 +48,7 @@ from eskin.golden.model import (
     write_image_vectors,
     write_vectors,
 )
+from eskin.golden.model.prototypes import taught_in_use
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.rtl.asic.liberty import text_of
@@ -286,7 +287,7 @@ def expected_of(
         streams = torch_model.run_images_on_torch(model, images).streams
         return write_image_vectors(path, streams, images, numbers)
     trace = run(torch_model.on_torch(model), recordings)
-    return write_vectors(path, trace, recordings, numbers, codes)
+    return write_vectors(path, trace, recordings, numbers, codes, int(taught_in_use(model).sum()))
 
 
 def netlist_of(

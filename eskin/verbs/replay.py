@@ -195,6 +195,7 @@ def _streamed(stream: Stream, recordings: Recordings) -> Expected:
             "touches": np.array([stream.touches]),
             "status": np.array([stream.status]),
             "flags": stream.flagged[None],
+            "taught": taught_in_use(stream.model).sum(keepdims=True),
         }
         yield arrays, look if of_first and look < of_first[-1].frame else 0
 

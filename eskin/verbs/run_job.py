@@ -458,6 +458,8 @@ def _checks(
         loss = f"integer {integer}, float {real} on {where}"
         agreement = f"agreement {percent(judged.agreement, 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
         detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point less is allowed; {agreement}"
+        if judged.decision_time_s is None:
+            detail = f"no recording was decided on {where}, so nothing was compared"
         error = judged.logit_error
         if error.max is not None:
             figures = f"{error.mean:.3f} on average, {error.max:.2f} at most"

@@ -23,6 +23,7 @@ def write_vectors(
     recordings: Recordings,
     numbers: Sequence[int] | np.ndarray | None = None,
     codes: np.ndarray | None = None,
+    taught: int = 0,
 ) -> Path:
     """Write stimulus and expectation of ``recordings`` to ``path`` (.npz), in one exchange.
 
@@ -35,6 +36,8 @@ def write_vectors(
         1, ...
     codes:
         With a converter: its codes (frames, taxels), from which the recordings' samples are made.
+    taught:
+        Taught touches of the model in use.
 
     The arrays
     ----------
@@ -43,8 +46,8 @@ def write_vectors(
     as pipeline.DECISION_FIELDS. decision_frame (rows): the live frame, 1-based, that completes the decision's
     last window, 0 where the end of the recording brings the decision. touches (R): touches begun. open (R, 2): the
     first touch is open from the first of these frames on up to the other one, 0 without one. status (R): register
-    STATUS when all is decided. flags (R, taxels), bool: fault flags at the recording's end. codes (frames, taxels)
-    uint32, where they were given.
+    STATUS when all is decided. flags (R, taxels), bool: fault flags at the recording's end. taught (R). codes (frames,
+    taxels) uint32, where they were given.
     """
     recordings, touches = recordings.scanned(trace.config.sensor.scan_every), trace.touches
     number = np.bincount(touches.recording, minlength=len(recordings))
@@ -63,6 +66,7 @@ def write_vectors(
         if touches.flagged is None
         else touches.flagged > 0,
         "touches": number,
+        "taught": np.full(len(recordings), taught),
         "open": np.stack([begin, end], axis=1),
         "status": ARMED * np.asarray(touches.armed) + NO_TOUCH * (number == 0),
     }

@@ -48,7 +48,7 @@ from eskin.rtl.program.memory_map import (
     words_per_entry,
 )
 from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
-from eskin.rtl.program.schedule import longest_step
+from eskin.rtl.program.schedule import longest_step, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.sensing import Sensing
 from eskin.rtl.top.system import Bus, System
@@ -199,6 +199,7 @@ def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, in
 def register_map(config: AcceleratorConfig) -> Record:
     """The register map as plain values."""
     named = ImageMemory if config.is_image else memories(config)
+    words, readout = -(-config.sensor.taxels // 16), config.readout_rule
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
@@ -216,9 +217,13 @@ def register_map(config: AcceleratorConfig) -> Record:
             **({} if config.is_forest else {"WEIGHTS0" if config.is_image else "LANE0": 0}),
             **{memory.name: int(memory) for memory in named},
         },
+        # words of each register that is read behind a recording
+        "behind": dict.fromkeys(("FAULTS", "LONGEST", "STATUS", "TOUCHES", "VERSION"), 1)
+        | {"TAXEL_FAULTS": words * (config.faults.fault_frames > 0), "TAUGHT": int(readout.taught > 0)},
         "longest_step": longest_step(config),
+        "step_cycles": step_cycles(config),
         "lanes": config.hardware.lanes,
-        "mask_words": -(-config.sensor.taxels // 16),
+        "mask_words": words,
     }
 
 
@@ -257,6 +262,9 @@ def _write_bench(config: AcceleratorConfig, folder: Path, vectors: Path, module:
         arrays = {name: archive[name][: archive[f"{name}_offsets"][1]] for name in stages}
         rows = archive["decision"][: archive["decision_offsets"][1]]
         arrays["samples"] = archive["samples"][: archive["offsets"][1]]
+        faults = Fault.TAXEL * archive["flags"][0].any() if "flags" in archive else 0
+        state = archive["status"][0], archive["touches"][0] % 256
+        arrays["end"] = np.array([ID_VALUE, VERSION_VALUE, *state, faults])
     words = np.array([pack_decision(config, row) for row in rows], np.uint32)
     np.savez_compressed(folder / "vectors.npz", allow_pickle=False, decision=words.view(np.int32), **arrays)
     (folder / BENCH.name).write_text(BENCH.read_text())

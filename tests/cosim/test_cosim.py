@@ -267,6 +267,7 @@ SEEDS = {
     "VERSION 0": ("Register.VERSION: VERSION_VALUE", "Register.VERSION: 0"),
     "LONGEST constant": ("LONGEST: cycles.longest", "LONGEST: 70"),
     "LONGEST of frames": ("measure=measure,", "measure=0,"),
+    "LONGEST kept": ("m.d.comb += forgotten.eq(1)", "pass"),
     "TOUCHES constant": ("TOUCHES: state.touches", "TOUCHES: 1"),
 }
 """Faults of the registers (rtl/host/control.py) -> its text, another text."""
@@ -396,6 +397,11 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
     monkeypatch.setenv("PYTHONOPTIMIZE", "1")  # without asserts
     done = make(folder, simulator, "WHEEL=1")
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout
+    for index, name in enumerate(("ID", "VERSION", "STATUS", "TOUCHES", "FAULTS")):
+        flip(folder, "end", index)
+        done = make(folder, simulator, "WHEEL=1")
+        assert done.returncode and f"register {name}: expected" in done.stdout, done.stdout
+        flip(folder, "end", index)
     sentence = flip(folder, "state", 1)
     done = make(folder, simulator, "WHEEL=1")
     assert done.returncode and sentence in done.stdout
@@ -419,7 +425,7 @@ def test_a_generated_bench_that_compares_nothing_fails(model, tmp_path, monkeypa
     done = make(folder)
     assert done.returncode and "no test ran" in done.stdout
     monkeypatch.delenv("COCOTB_TEST_FILTER")
-    empty = {name: values[:0] for name, values in arrays.items()}
+    empty = {name: values[: 5 * (name == "end")] for name, values in arrays.items()}
     np.savez(folder / "vectors.npz", allow_pickle=False, **empty)
     done = make(folder)
     assert done.returncode and "holds no decision" in done.stdout

@@ -24,7 +24,7 @@ CONFIG = AcceleratorConfig.of(
 )
 SIZES = {"sum": 4, "fault": 4, "feature": 4, "state": 4, "logit": 3}
 NUMBERS = (5, 9)
-MAP = {"longest_step": 9, "version": 5}
+MAP = {"longest_step": 9, "step_cycles": 11, "version": 5}
 LOOKS = {"ARM": 9, "TOUCH": 2, "FINISH": 4}
 TAKEN = range(20, 260, 20)
 """Cycle of the last taxel of each frame."""
@@ -68,6 +68,7 @@ def events(expected) -> dict:
         values |= {(number, stage): recording[stage].copy() for stage in FLAT_STAGES}
         payloads = pack_decisions(CONFIG, recording["decision"])
         values[number, "decision"] = np.array(payloads, np.uint32)
+        values[number, "step"] = np.full(3 - position, 11)
         values[number, "end"] = {
             "STATUS": 1 - position,
             "FAULTS": 0,
@@ -84,7 +85,7 @@ def judged(events, expected, config=CONFIG) -> Scoreboard:
     scoreboard = Scoreboard(config, MAP)
     for position, number in enumerate(NUMBERS):
         scoreboard.begin(Recording(expected, position))
-        for stage in (*FLAT_STAGES, "decision"):
+        for stage in (*FLAT_STAGES, "decision", "step"):
             values = events[number, stage]
             for part in (slice(0, 5), slice(5, None)):  # values come in pieces
                 scoreboard.check(stage, values[part], 100 + np.arange(len(values))[part])
@@ -137,6 +138,13 @@ CHANGES = [
     ),
     (9, "logit", lambda values: np.append(values, 1), "stage logit, index 6 .one too many.*got 1"),
     (9, "decision", lambda values: values[:-1], "recording 9, stage decision, index 2 .*missing"),
+    (
+        9,
+        "step",
+        flipped(1),
+        "recording 9, frame 10, stage step, index 1 .touch 0, step 1.*expected 11, got 10",
+    ),
+    (9, "step", lambda values: values[:-1], "recording 9, frame 10, stage step, index 1 .*missing"),
     # ARMED, TOUCH, BUSY, NO_TOUCH, FAULT
     *((9, "end", lambda _, bit=bit: _ | {"STATUS": bit}, ".STATUS.: expected 0") for bit in (1, 2, 4, 8, 16)),
     (
@@ -184,6 +192,15 @@ def test_fault_flags_at_the_end(expected, events, flagged, words, sentence):
         judged(events, expected, CONFIG.replace(fault_frames=16))
 
 
+def test_taught_touches_in_use_are_compared(expected, events):
+    expected["taught"] = np.full(2, 3)
+    for number, word in zip(NUMBERS, (0x203, 0x1FF), strict=True):
+        events[number, "end"]["TAUGHT"] = word
+    taught = CONFIG.replace(readout="prototypes", prototypes=1, taught=2, decision="last")
+    with pytest.raises(Mismatch, match="recording 9.*TAUGHT.: expected 3, got 511"):
+        judged(events, expected, taught)
+
+
 def test_an_overrun_and_a_stalled_input_are_believed_only_where_they_can_be(expected, events):
     """The third window ends in frame 12, so its first sum comes behind frame 11, in cycle 220: it can have to wait for room
     only while the first one's step is not over. At a pace that is not known both are."""
@@ -191,17 +208,22 @@ def test_an_overrun_and_a_stalled_input_are_believed_only_where_they_can_be(expe
     for first, accepted, sentence in ((220, TAKEN, "expected 0, got 8"), (221, TAKEN, None), (9, None, None)):
         scoreboard = Scoreboard(CONFIG, MAP)
         scoreboard.begin(Recording(expected, 0))
-        for stage in FLAT_STAGES:
+        for stage in (*FLAT_STAGES, "step"):
             scoreboard.check(stage, events[5, stage])
         scoreboard.check("decision", events[5, "decision"], first + np.arange(4))
         with pytest.raises(Mismatch, match=sentence) if sentence else nullcontext():
             scoreboard.end(registers | {"FAULTS": 10 if accepted is None else 8}, accepted)
 
 
-@pytest.mark.parametrize(("open_", "look"), [((0, 0), 0), ((3, 19), 0), ((3, 20), 11), ((1, 900), 9)])
-def test_a_touch_is_looked_at_where_it_is_open_for_certain(expected, open_, look):
-    """8 frames behind its onset, those on their way and 16 beats, and as many before its end."""
-    arrays = expected | {"open": np.array([open_]), "samples": np.zeros((22, 4))}
+LOOKED = [((0, 0), 0, {}), ((3, 19), 0, {}), ((3, 20), 11, {}), ((1, 900), 9, {})]
+IMAGE = {"map": np.zeros(0)}
+
+
+@pytest.mark.parametrize(("open_", "look", "more"), [*LOOKED, ((1, 8), 5, IMAGE), ((1, 5), 0, IMAGE)])
+def test_a_touch_is_looked_at_where_it_is_open_for_certain(expected, open_, look, more):
+    """8 frames behind its onset, those on their way and 16 beats, and as many before its end. An image is open to its
+    decision."""
+    arrays = expected | {"open": np.array([open_]), "samples": np.zeros((22, 4))} | more
     assert Recording(arrays, 0).look == look
 
 
@@ -213,7 +235,7 @@ def test_cycles_are_extremes_over_all_recordings(expected, events, finished, lat
         recording = Recording(expected, position)
         scoreboard.begin(recording)
         frames = recording["decision_frame"]
-        scoreboard.check("step", np.array([[10, 12], [11]][position]))
+        scoreboard.check("step", events[recording.number, "step"])
         for stage in FLAT_STAGES:
             scoreboard.check(stage, recording[stage])
         cycles = np.where(frames, 20 * frames + late, 40)
@@ -223,8 +245,8 @@ def test_cycles_are_extremes_over_all_recordings(expected, events, finished, lat
     result = Answer.of(
         scoreboard, frame_max=20, frames=0, simulated_cycles=0, overruns=0, input_stalls=0, probe=False
     )
-    assert (result.steps, result.decisions) == (3, 7)
-    extremes = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": latest}
+    assert (result.steps, result.decisions) == (5, 7)
+    extremes = {"frame_max": 20, "step_min": 11, "step_max": 11, "decision_latency_max": latest}
     assert dict(result.cycles) == extremes | {"step_ideal": CONFIG.step_ideal}
 
 

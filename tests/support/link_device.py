@@ -63,7 +63,8 @@ class Device:
             frames_limit,
             deaf,
         )
-        self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE} | (registers or {})
+        self.given = registers or {}
+        self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE}
         self.writes: list[tuple[int, int]] = []
         self._arm()
         self.accepted = self.expected = self.decisions = 0
@@ -116,7 +117,7 @@ class Device:
             address = command & 0x3F
             if address == Register.STATUS:
                 self.registers[address] = self._status()
-            word = self.registers.get(address, 0)
+            word = (self.registers | self.given).get(address, 0)
             self._send(word | self.expected << 16 | address << 24)
         elif number == self.expected and len(words) == (
             self.config.sensor.taxels if command & link.FRAME else 1
@@ -138,8 +139,11 @@ class Device:
         if address == Register.CONTROL and word & Control.FINISH:
             rows, touches = self.decide(self._samples())
             self.until = 0
-            flagged = bool(self.config.faults.fault_frames and self.finder.flagged.any())
-            self.registers[Register.FAULTS] = Fault.TAXEL * flagged
+            flagged = self.finder.flagged.ravel() if self.config.faults.fault_frames else ()
+            flags = sum(1 << taxel for taxel in np.flatnonzero(flagged).tolist())
+            for word in range(-(-self.config.sensor.taxels // 16)):
+                self.registers[Register.TAXEL_FAULTS + word] = flags >> 16 * word & 0xFFFF
+            self.registers[Register.FAULTS] = Fault.TAXEL * (flags > 0)
             self.registers[Register.TOUCHES] = touches
             self.registers[Register.LONGEST] = longest_step(self.config) * bool(len(rows))
             for payload in pack_decisions(self.config, rows):

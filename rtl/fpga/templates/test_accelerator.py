@@ -1,6 +1,7 @@
 """One recording into the accelerator under cocotb: every value of every stage is compared with the golden model's.
 
-vectors.npz holds the recording (samples) and the golden model's values: an array of each probe, the decision words.
+vectors.npz holds the recording (samples) and the golden model's values: an array of each probe, the decision words,
+registers at its end (end).
 To run: pip install cocotb numpy && make SIM=icarus (or SIM=verilator)
 """
 
@@ -14,6 +15,10 @@ from cocotb.triggers import FallingEdge, ReadOnly, RisingEdge, Timer, with_timeo
 
 FOLDER = Path(__file__).parent
 CONFIG, REGISTERS = (json.loads((FOLDER / f"{name}.json").read_text()) for name in ("config", "registers"))
+
+END = "ID VERSION STATUS TOUCHES FAULTS".split()
+WAITS = sum(REGISTERS["bits"]["FAULTS"][name] for name in ("INPUT_STALLED", "OVERRUN"))
+"""A frame or a window had to wait: they come as fast as they are taken."""
 
 
 async def follow(dut, stage, expected, seen):
@@ -62,11 +67,12 @@ async def send(dut, frame):
 async def recording(dut):
     """Load the model, play the recording, and see all that the golden model sees."""
     vectors = dict(np.load(FOLDER / "vectors.npz"))
-    frames, seen = vectors.pop("samples"), dict.fromkeys(vectors, 0)
+    frames, end = vectors.pop("samples"), vectors.pop("end").tolist()
+    seen = dict.fromkeys(vectors, 0)
     Clock(dut.clk, 10, unit="ns").start()
     dut.rst.value = dut.o__ready.value = 1
     dut.i__valid.value = dut.bus__w_stb.value = dut.bus__r_stb.value = 0
-    await Timer(45, "ns")  # a falling edge
+    await Timer(46, "ns")  # behind a falling edge, so that the next one is another
     dut.rst.value = 0
     for stage, expected in vectors.items():
         cocotb.start_soon(follow(dut, stage, expected, seen))
@@ -81,4 +87,10 @@ async def recording(dut):
             raise AssertionError(f"stage {stage}: {len(expected) - seen[stage]} missing")
     if not seen["decision"]:
         raise AssertionError("vectors.npz: holds no decision, so nothing was compared")
+    for name, want in zip(END, end, strict=True):
+        dut.bus__addr.value, dut.bus__r_stb.value = REGISTERS["registers"][name], 1
+        await FallingEdge(dut.clk)
+        dut.bus__r_stb.value, got = 0, dut.bus__r_data.value.to_unsigned()
+        if got & ~(WAITS * (name == "FAULTS")) != want:
+            raise AssertionError(f"register {name}: expected {want}, got {got}")
     dut._log.info("%d values in %d frames are bit-exact", sum(seen.values()), len(frames))

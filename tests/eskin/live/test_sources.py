@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.device import Accelerator, Design
+from eskin.cosim.scoreboard import INPUT_STALLED
 from eskin.golden.model import Stream, run
 from eskin.live.serial_port import SerialPort
 from eskin.live.sources import ModelSource, SimulationSource
@@ -46,9 +47,10 @@ class Twin:
             self.stream.arm()
             self.steps = 0
 
-    def register(self, register: str) -> int:
+    def register(self, register: str, word: int = 0) -> int:
         usual = dict(STATUS=self.stream.status, TOUCHES=self.stream.touches, VERSION=self.map["version"])
         usual["FAULTS"] = 0x40 * bool(self.stream.flagged.any())
+        usual["TAXEL_FAULTS"] = sum(1 << taxel for taxel in np.flatnonzero(self.stream.flagged).tolist())
         usual["LONGEST"] = self.map["longest_step"] * bool(self.steps)
         return (usual | self.registers)[register]
 
@@ -114,6 +116,15 @@ def test_one_difference_in_one_recording_is_seen(model, recordings, case):
     tally = stage.player.tally
     assert tally.mismatches > 0 and any(sentence in said for said in tally.sentences)
     assert [message["wrong"] for message in stage.seen("result")] == [tally.mismatches, 0, 0, 0, 0]
+
+
+@each_row("register, value", [("TAXEL_FAULTS", 15), ("FAULTS", INPUT_STALLED)])
+def test_a_false_register_is_seen(model, recordings, register, value):
+    """In lock step no frame waits."""
+    twin = Twin(model)
+    twin.registers[register] = value
+    tally = Stage(SimulationSource(model, twin), recordings).go().player.tally
+    assert f"register {register} reads {value} and the model expects 0" in tally.sentences
 
 
 @pytest.mark.slow

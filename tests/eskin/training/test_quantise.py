@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eskin.data.archive import save_archive
 from eskin.golden.core import PRESETS, InputError, QFormat
 from eskin.golden.model import (
     FloatModel,
@@ -331,6 +332,23 @@ def test_evaluate_counts_what_it_says(tmp_path):
     last = trace.local[trace.first[touched], 5] == recordings.labels[touched]
     # no touch, or cut short: wrong
     assert result.per_step[5].integer_accuracy == pytest.approx(last.sum() / 20)
+
+
+def test_evaluate_and_compare_fail_where_nothing_is_decided_or_the_networks_differ(tmp_path, call):
+    folder, data = tmp_path / "model", tmp_path / "data.npz"
+    recordings = saved(folder)
+    quantise(folder)
+    arrays = FloatModel.load(folder).arrays
+    for played, weights, words in (
+        (recordings, arrays, ""),
+        (recordings.until(np.full(20, 5)), arrays, "no recording was decided"),
+        (recordings, arrays | {"V": -arrays["V"]}, "must agree on at least 98 %"),
+    ):
+        save_archive(played, data)
+        np.savez(folder / "float.npz", **weights)
+        for verb in ("evaluate", "compare"):
+            status, _, errors = call(verb, folder, "--data", data)
+            assert status == bool(words) and words in errors, (verb, words, errors)
 
 
 @each_row("cell, reset", CELLS)
