@@ -182,6 +182,9 @@ def cosim(
         if how.waves and answer.mismatch:
             progress("playing what differs once more, with waves", 0, 0)
             waves = _keep_waves(run, answer.mismatch, settings, work)
+            if not waves:
+                what = "by itself this recording agrees, so there are no waves: recordings before it matter"
+                answer.mismatch_list.append(what)
         parts.append(
             Part(
                 **answer.plain(),
@@ -199,6 +202,8 @@ def cosim(
                 bulk_recordings=len(positions) * (way == "bulk"),
             )
         )
+        if answer.mismatch:
+            break
     return joined(run.config, parts)
 
 
@@ -265,11 +270,11 @@ def lowest_clock(
     )
 
 
-def _keep_waves(run: Run, mismatch: Mismatch, settings: Record, work: Path) -> str:
-    """Play the recording of the mismatch alone, with waves around it; returns the folder."""
+def _keep_waves(run: Run, mismatch: Mismatch, settings: Record, work: Path) -> str | None:
+    """Play the recording of the mismatch alone, with waves around it; returns the folder. None: it agrees then."""
     position = run.expected["numbers"].tolist().index(mismatch.recording)
     folder = work / f"waves_recording{mismatch.recording}"
     since = mismatch.since_arm if mismatch.cycle >= 0 else 0
     settings = settings | {"positions": [position], "waves_from": max(0, since - WAVES_BEFORE)}
-    run.play(folder, settings, waves=True)
-    return str(folder)
+    again = run.play(folder, settings, waves=True)
+    return str(folder) if again["mismatch"] else None

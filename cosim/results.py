@@ -137,7 +137,7 @@ class Played(Part):
     """cosim.json.
 
     verdict: ``gave up`` (the hardware stood still), ``differs``, ``no decision`` (no touch with a whole window),
-    ``bit-exact``. mismatches: at most 1. passed: bit-exact, no budget missed, a decision compared. model_hash: as in
+    ``bit-exact``. mismatches: at most 1 where nothing was joined. passed: bit-exact, no budget missed, a decision compared. model_hash: as in
     config.json.
     """
 

@@ -172,7 +172,9 @@ class _Steps:
         seeds = request.seeds or (1 if loaded.image_shape else 3)
         network = request.groups, request.cell, request.hidden, seeds, request.prefer, request.fits
         weights = self.panel and self.panel.weights
-        self.key = content_key(loaded, loaded.source, loaded.notes, config, planned, *network, weights)
+        # records hold them, the content does not
+        named = loaded.source, loaded.notes, loaded.unit, loaded.channel_names
+        self.key = content_key(loaded, *named, config, planned, *network, weights)
 
     def say(self, line: str) -> None:
         """A line of progress that stays."""

@@ -307,11 +307,21 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     np.savez(tmp_path / "changed.npz", **arrays)
     want, frame = int(arrays["state"][word]), int(arrays["decision_frame"][arrays["decision_offsets"][1] + 3])
     place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
-    for options in (ICARUS | {"seed": 7}, {"cocotb": (), "waves": False}):
+    whole = flow.Run.play
+    for options in (
+        ICARUS | {"seed": 7},
+        {"cocotb": [1], "waves": False},
+        {"cocotb": (), "waves": False},
+        ICARUS,
+    ):
         result = play(vectors=tmp_path / "changed.npz", **options)
         assert result.mismatches == 1 and not result.passed
         assert result.mismatch_list[0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
         if "waves" in options:
+            assert result.recordings == (len(options["cocotb"]) or len(NUMBERS))
+            continue
+        if options == ICARUS:
+            assert not result.waves and "by itself this recording agrees" in result.mismatch_list[1]
             continue
         shown = json.loads((Path(result.waves) / "result.json").read_text())
         assert shown["mismatch_list"][0].startswith(place)
@@ -322,6 +332,8 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
         suites = ElementTree.parse(tmp_path / "results.xml").getroot()
         assert [suite.get("name") for suite in suites] == [".", f"waves_recording{NUMBERS[1]}"]
         assert all("COCOTB_RANDOM_SEED=7" in "".join(suite.itertext()) for suite in suites)
+        agrees = lambda *given, waves=False: whole(*given) | ({"mismatch": None} if waves else {})
+        monkeypatch.setattr(flow.Run, "play", agrees)
         waves = (Path(result.waves) / "waves.vcd").read_text()
         assert " probe__state__value " in waves and waves.count("\n#") > 2 * 500  # WAVES_AFTER of the bench
 

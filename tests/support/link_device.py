@@ -140,10 +140,8 @@ class Device:
             rows, touches = self.decide(self._samples())
             self.until = 0
             flagged = self.finder.flagged.ravel() if self.config.faults.fault_frames else ()
-            flags = sum(1 << taxel for taxel in np.flatnonzero(flagged).tolist())
-            for word in range(-(-self.config.sensor.taxels // 16)):
-                self.registers[Register.TAXEL_FAULTS + word] = flags >> 16 * word & 0xFFFF
-            self.registers[Register.FAULTS] = Fault.TAXEL * (flags > 0)
+            flags = sum(1 << taxel for taxel in np.flatnonzero(flagged).tolist())  # of 16 at most
+            self.registers |= {Register.TAXEL_FAULTS: flags, Register.FAULTS: Fault.TAXEL * (flags > 0)}
             self.registers[Register.TOUCHES] = touches
             self.registers[Register.LONGEST] = longest_step(self.config) * bool(len(rows))
             for payload in pack_decisions(self.config, rows):

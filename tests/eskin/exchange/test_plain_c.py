@@ -122,6 +122,14 @@ def test_the_comparison_finds_a_bug_in_the_c(config, right, wrong, tmp_path):
     assert " 0 different" not in verdict(tmp_path / "c", "gcc", "-std=c99", "-O1")
 
 
+def test_a_check_of_nothing_fails(tmp_path):
+    exported(TREES, 3, tmp_path)
+    vectors = tmp_path / plain_c.VECTORS
+    vectors.write_text(re.sub(r"(RECORDINGS|CALLS_EXPECTED) \d+", r"\1 0", vectors.read_text()))
+    assert verdict(tmp_path, "gcc", "-std=c99").startswith("0 decisions")
+    assert subprocess.run(["./check"], cwd=tmp_path, check=False).returncode == 1
+
+
 SIXTEEN_BIT = """#include <stdio.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>

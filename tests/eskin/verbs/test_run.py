@@ -187,8 +187,8 @@ def change(chain, name: str) -> None:
             arrays.labels[0] += 1
         case "groups":
             arrays.groups["person"][0] += 1
-        case "source":
-            chain.recordings = replace(arrays, source="another file")
+        case "source" | "unit" | "channel_names":
+            chain.recordings = replace(arrays, **{name: "another"})
         case "configuration":
             chain.config = CONFIG.replace(rearm_frames=17)
 
@@ -197,7 +197,9 @@ OPTIONS = {"hidden": 3, "cell": "gru", "seeds": 2, "group": "person", "prefer": 
 OPTIONS |= {"stress": "off", "config": "pvdf"}
 
 
-@each_row("name", ["samples", "labels", "groups", "source", "configuration", *OPTIONS])
+@each_row(
+    "name", ["samples", "labels", "groups", "source", "unit", "channel_names", "configuration", *OPTIONS]
+)
 def test_a_run_that_is_asked_for_anything_else_takes_nothing_over(monkeypatch, tmp_path, name):
     chain = Chain(monkeypatch)
     cut_at(chain, tmp_path / "run", "cosim")
