@@ -7,7 +7,7 @@ A trajectory is the hidden state (linear cell: the logits) after each step of a 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.model import FloatModel, IntegerModel
 
 
 def trajectory_codes(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     return np.stack(nearest, axis=-1)
 
 
-def taught_in_use(model: IntegerModel) -> np.ndarray:
+def taught_in_use(model: IntegerModel | FloatModel) -> np.ndarray:
     """(C) number of slots of each class that hold a taught touch."""
     taught = model.config.readout_rule.taught
     counts = model.arrays["taught_count"] if taught else np.zeros(model.config.classes, dtype=np.int64)
