@@ -158,7 +158,7 @@ def registers_behind(
     status: int,
     touches: int,
     steps: int,
-    flags: Sequence[int] | np.ndarray,
+    flags: Any,
     taught: int,
     may_be: int,
     faults: int = 0,
@@ -170,7 +170,7 @@ def registers_behind(
     map_:
         Register map (eskin.rtl.fpga.generate.register_map).
     flags, taught:
-        Fault flags of the taxels; taught touches in use.
+        Fault flags of the taxels, if there are any; taught touches in use.
     faults, may_be:
         Bits of FAULTS that must be, apart from TAXEL, and those that may be.
     """

@@ -219,7 +219,7 @@ LOOKED = [((0, 0), 0, {}), ((3, 19), 0, {}), ((3, 20), 11, {}), ((1, 900), 9, {}
 IMAGE = {"map": np.zeros(0)}
 
 
-@pytest.mark.parametrize(("open_", "look", "more"), [*LOOKED, ((1, 8), 5, IMAGE), ((1, 5), 0, IMAGE)])
+@pytest.mark.parametrize(("open_", "look", "more"), [*LOOKED, ((1, 8), 5, IMAGE)])
 def test_a_touch_is_looked_at_where_it_is_open_for_certain(expected, open_, look, more):
     """8 frames behind its onset, those on their way and 16 beats, and as many before its end. An image is open to its
     decision."""
