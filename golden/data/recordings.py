@@ -518,7 +518,10 @@ def _kinds(arrays: Arrays, taxels: int) -> list[str]:
     return names if says else []
 
 
-_NUMBERED = {"", "c", "ch", "channel", "col", "column", "f", "field", "unnamed", "v", "value", "var", "x"}
+_NUMBERED = {
+    "",
+    *"a adc ai analog c ch channel col column data f field in input s sensor sig signal unnamed v value var x".split(),
+}
 """Words before a number that say nothing of a column."""
 UNITS = ", "
 """Separator between the units of taxels of different kinds."""
