@@ -118,6 +118,8 @@ def test_containers_and_lists_of_grids_and_of_one_taxel(tmp_path):
         assert len(Recordings.of(ragged, [0, 1], sample_rate_hz=200)) == 2
         with refused("ndarray of objects .* give .* a list of such arrays"):
             Recordings.of(objects, [0, 1], sample_rate_hz=200)
+    with refused("dict is not an array of numbers"):
+        Recordings.of({0: FLAT[0]}, [0], sample_rate_hz=200)
     for turned in (GRIDS.transpose(0, 2, 3, 1), [*FLAT.transpose(0, 2, 1)]):
         with refused("array 0 has shape .* more taxels than frames; frames come first: transpose"):
             Recordings.of(turned, [0, 1, 0, 1], sample_rate_hz=200)
