@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eskin.data.table import NUMBER, Names, Reading, Table, check_regular
+from eskin.data.table import NUMBER, TIME, Names, Reading, Table, check_regular
 from eskin.golden.core import InputError
 
 DELIMITERS = {";": "semicolon", "\t": "tab", ",": "comma", " ": "blank"}
@@ -94,13 +94,13 @@ def read_text(path: Path, reading: Reading) -> Table:
         names[:width],
         f"'{path}'",
         breaks=tuple(breaks),
-        units=units[:width],
+        units=(*units[:width], "") if units else (),
         notes=tuple(file.notes),
         width=width,
     )
     if file.stamps:
         frame[width] = file.clock()
-        table = replace(table, names=(*table.names, "time") if names else (), clock=width, width=width + 1)
+        table = replace(table, names=(*table.names, file.time) if names else (), clock=width, width=width + 1)
     return _of_labview(table, file) if file.lvm else table
 
 
@@ -108,8 +108,11 @@ class _File:
     """Lines of a file, and the form that was found of them.
 
     rows: the places of lines that are frames, at first the header's, too. breaks: places that part the rows.
-    heads: LabVIEW's fields of each segment, the first with the fields of the file. stamps: a serial monitor's, of lines.
+    heads: LabVIEW's fields of each segment, the first with the fields of the file. stamps: a serial monitor's, of lines;
+    time: what the header calls them.
     """
+
+    time = "time"
 
     def __init__(self, path: Path, delimiter: str | None) -> None:
         self.path, self.lvm = path, path.suffix.lower() == ".lvm"
@@ -254,8 +257,10 @@ class _File:
     def header(self) -> tuple[Names, Names]:
         """Names and units of the columns; their lines no longer count as rows."""
         first, *rest = self._cells(self.delimiter, self.rows[:3])
-        if self.stamps and rest:
-            first = first[-len(rest[0]) :]  # the line had names for the stamps, too
+        if self.stamps and rest:  # the line may have names for the stamps, too
+            first[:1] = re.split(r" *[-=]*> *", first[0])
+            self.time = next(filter(TIME.match, first[: -len(rest[0])]), "time")
+            first = first[-len(rest[0]) :]
         numbers = [cell for cell in first if NUMBER.fullmatch(cell)]
         counts = len(numbers) > 2 and numbers in (
             [*map(str, range(start, start + len(numbers)))] for start in (0, 1)

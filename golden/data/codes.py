@@ -15,8 +15,8 @@ UNEVEN = 8.0
 """Largest ratio of the ranges of kinds of columns that one scale serves; beyond it each kind needs a
 separate scale."""
 APART, NOISE, MOST_DEAD = 32.0, 16.0, 1 / 3
-"""Of columns without names that tell their kind: smallest ratio of the ranges of two kinds, below which one scale leaves
-the smaller one 500 codes; highest range of noise in medians of its steps; highest share of dead taxels."""
+"""Of columns without names that tell their kind: largest ratio of the ranges within a kind, up to which one scale leaves
+the smallest 500 codes; highest range of noise in medians of its steps; highest share of dead taxels."""
 Worth = float | tuple[float, ...]
 """Value of one code: one for all taxels, or one for each."""
 FEW_CODES = 16
@@ -74,11 +74,12 @@ def scale_a_kind(values: np.ndarray, kinds: Sequence[str | int], top: int) -> tu
 
 
 def _kinds_by_range(values: np.ndarray, largest: np.ndarray) -> list[int]:
-    """Kinds of columns that nothing names: sorted by their largest value, those above a step of APART or more are of
-    another kind. Columns of noise alone, MOST_DEAD of all at most, are dead taxels, of the kind above them."""
-    order = np.argsort(largest)
-    kinds = np.zeros(len(order), dtype=int)
-    kinds[order[1:]] = np.cumsum(largest[order[1:]] > APART * largest[order[:-1]])
+    """Kinds of columns that nothing names, by their largest values: below the APART-th of a kind's largest begins another.
+    Columns of noise alone, MOST_DEAD of all at most, are dead taxels, of the kind above them."""
+    kinds, below = np.zeros(len(largest), dtype=int), largest < largest.max() / APART
+    while below.any():
+        kinds[~below] += 1
+        below = largest < largest[below].max() / APART
     steps = np.abs(np.diff(values[:100_000], axis=0, prepend=values[:1]))
     noise = np.ptp(values, axis=0) <= NOISE * np.median(steps, axis=0)
     for kind in range(kinds.max()):

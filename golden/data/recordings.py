@@ -323,7 +323,7 @@ def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str, labels: int) ->
     """Recordings from an argument: one recording, or several. ``labels``: how many there are."""
     sequence: Any = arrays
     try:
-        if not hasattr(arrays, "ndim") and len(sequence) > 0:
+        if not hasattr(arrays, "ndim") and not isinstance(arrays, Mapping) and len(sequence) > 0:
             vectors = all(getattr(part, "ndim", 0) == 1 for part in sequence)
             of_one = vectors and (labels == len(sequence) or len({*map(len, sequence)}) > 1)  # taxel
             if of_one or np.ndim(sequence[0]) in (2, 3):
@@ -382,6 +382,8 @@ def recordings_of(
     if arrays["samples"].ndim in (1, 3):
         frames, *grid = arrays["samples"].shape
         flat = arrays["samples"].reshape(frames, math.prod(grid))
+        if grid and arrays.get("grid_shape", np.array(grid)).tolist() != grid:
+            refuse("grid_shape", f"differs from the samples' own rows and columns, {grid}; leave it out")
         arrays = arrays | {"samples": flat, "grid_shape": np.array(grid)}
     samples, volt, scaling = _samples(arrays, source, scale, requested, refuse)
     low, high = int(samples.min()), int(samples.max())
@@ -518,7 +520,10 @@ def _kinds(arrays: Arrays, taxels: int) -> list[str]:
     return names if says else []
 
 
-_NUMBERED = {"", "c", "ch", "channel", "col", "column", "f", "field", "unnamed", "v", "value", "var", "x"}
+_NUMBERED = {
+    "",
+    *"a adc ai analog c ch channel col column data f field in input s sensor sig signal unnamed v value var x".split(),
+}
 """Words before a number that say nothing of a column."""
 UNITS = ", "
 """Separator between the units of taxels of different kinds."""

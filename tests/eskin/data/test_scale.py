@@ -162,10 +162,19 @@ def test_columns_of_different_kinds_get_a_scale_each(tmp_path):
     units = np.array(["deg", "deg", "g", "g", "g"])
     by_unit = recordings_of(arrays | {"unit": units, "channel_names": np.array(list("abcde"))}, "units")
     assert by_unit.volt_per_code == made.volt_per_code and by_unit.unit == "deg, deg, g, g, g"
-    for stem in ("taxel", "col", "name"):  # a word of taxels; of nothing; five words
+    for stem in ("taxel", "col", "A", "sensor", "name"):  # a word of taxels; of nothing; five words
         names = np.array(list("abcde") if stem == "name" else [f"{stem}{number}" for number in range(5)])
         scale = recordings_of(arrays | {"channel_names": names}, "one").volt_per_code
         assert isinstance(scale, float) if stem == "taxel" else scale == made.volt_per_code
+    touch, numbers = np.sin(np.arange(500) / 9)[:, None], np.random.default_rng(5)
+    for sizes, scales in (
+        ((5, 5, 100, 100, 2000, 2000), 2),  # neighbours 20 apart, the ends 400
+        ((5, 5, 200, 200, 9000, 9000), 3),
+        ((30, 20, 20, 1, 1, 1), 1),
+        ((500, 20, 500, 500, 500, 0), 1),  # a touch that fades, and a dead taxel
+    ):
+        samples = touch * sizes + numbers.normal(0, 0.1, (500, 6))
+        assert len({*np.ravel(to_codes(samples, "unnamed")[1])}) == scales
     save_archive(by_unit, tmp_path / "kept.npz")
     with np.load(tmp_path / "kept.npz") as kept:
         assert kept["lsb_volt"].shape == (5,) and kept["unit"].tolist() == units.tolist()

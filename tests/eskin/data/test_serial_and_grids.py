@@ -44,13 +44,20 @@ def test_a_stamp_in_front_of_a_line_hides_no_taxel(tmp_path, stamp, sign, readin
         made = texts(tmp_path, text, reading)
         assert np.array_equal(made.recording(1), FLAT[2, :, :taxels]) and made.sample_rate_hz == 200
 
-    for head in ("", "a,b,c,d,e,f", "time,a,b,c,d,e,f"):
+    for head in ("", "a,b,c,d,e,f", "time,a,b,c,d,e,f", "a,b,c,d,e,f\nN,N,N,N,N,N"):
         read(head, 6)
     read("", 1)
     with refused("column 2 is time; the taxels are numbered without it"):
         load_recordings(tmp_path, reading=Reading(columns=("2",)))
     with refused("line 42: has no time stamp where other lines have one"):
         read("", 1, f"5\n{stamp(40)}5")
+
+
+@each_row("head", ["time_ms,a,b,c,d,e,f", "time_ms -> a,b,c,d,e,f", "t (ms) => a,b,c,d,e,f"])
+def test_the_header_names_the_unit_of_the_stamps(tmp_path, head):
+    rows = lambda n: (f"{5 * k} -> {','.join(map(str, row))}" for k, row in enumerate(FLAT[n].tolist()))
+    made = texts(tmp_path, lambda n: "\n".join([head, *rows(n)]))
+    assert made.sample_rate_hz == 200 and made.channel_names == tuple("abcdef")
 
 
 @each_row(
@@ -111,6 +118,8 @@ def test_containers_and_lists_of_grids_and_of_one_taxel(tmp_path):
         assert len(Recordings.of(ragged, [0, 1], sample_rate_hz=200)) == 2
         with refused("ndarray of objects .* give .* a list of such arrays"):
             Recordings.of(objects, [0, 1], sample_rate_hz=200)
+    with refused("dict is not an array of numbers"):
+        Recordings.of({0: FLAT[0]}, [0], sample_rate_hz=200)
     for turned in (GRIDS.transpose(0, 2, 3, 1), [*FLAT.transpose(0, 2, 1)]):
         with refused("array 0 has shape .* more taxels than frames; frames come first: transpose"):
             Recordings.of(turned, [0, 1, 0, 1], sample_rate_hz=200)

@@ -99,6 +99,7 @@ REFUSALS = [
     ("sample_rate_hz", "3 kHz", "array sample_rate_hz: is 3 kHz"),
     ("sample_rate_hz", [1.0, 2.0], "array sample_rate_hz: is of shape"),
     ("lsb_volt", -1.0, "array lsb_volt: is -1"),
+    ("grid_shape", [4, 1], r"array grid_shape: differs from the samples' own rows and columns, \[2, 2\]"),
     ("remark", np.array([None], dtype=object), "array remark: holds Python objects"),
     ("remark", np.zeros(1, dtype=[("a", object)]), "array remark: holds Python objects"),
     ("images", np.zeros((3, 2, 2), np.uint8), "array images: are 2 x 2 pixels; give 4 x 4 to 256 x 160"),
@@ -111,7 +112,8 @@ REFUSALS = [
 
 @each_row("name, value, sentence", REFUSALS)
 def test_a_bad_archive_is_refused_with_file_array_and_fix(tmp_path, name, value, sentence):
-    path = archive(tmp_path, **{name: value}, **({"samples": None} if name == "images" else {}))
+    samples = {"images": None, "grid_shape": np.zeros((30, 2, 2), np.int16)}
+    path = archive(tmp_path, **{name: value}, **({"samples": samples[name]} if name in samples else {}))
     with refused(sentence, str(path)):
         load_recordings(path)
 
