@@ -72,6 +72,11 @@ class GrowingArchive:
                 )
             names = [of.class_names[label] for label in of.labels]
             self._recordings = [(of.recording(index), name) for index, name in enumerate(names)]
+        self._written = self._file()
+
+    def _file(self) -> tuple[int, int] | None:
+        """Another pair for each file that takes the name."""
+        return ((state := self.path.stat()).st_ino, state.st_mtime_ns) if self.path.exists() else None
 
     @property
     def counts(self) -> Counter[str]:
@@ -93,9 +98,14 @@ class GrowingArchive:
 
     def _write(self) -> None:
         self._writing.result()
+        if self._file() != self._written:
+            raise InputError(
+                f"--record {self.path}: another program has written it, and the last touch here is not in it; give each a "
+                "file"
+            )
         names = tuple(dict.fromkeys([*self._of.class_names, *self.counts]))
         if not self._recordings:
-            self._writing = self._writer.submit(self.path.unlink)
+            self._writing, self._written = self._writer.submit(self.path.unlink), None
             return
         recordings = dataclasses.replace(
             self._of,
@@ -104,7 +114,11 @@ class GrowingArchive:
             labels=np.array([names.index(name) for _, name in self._recordings]),
             class_names=names,
         )
-        self._writing = self._writer.submit(save_archive, recordings, self.path)
+        self._writing = self._writer.submit(self._save, recordings)
+
+    def _save(self, recordings: Recordings) -> None:
+        save_archive(recordings, self.path)
+        self._written = self._file()
 
     def close(self) -> None:
         """Wait until the file is written.

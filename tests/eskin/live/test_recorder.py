@@ -160,6 +160,18 @@ def test_a_model_that_scans_some_frames_takes_what_its_board_sends(tmp_path):
     assert (fitting.scanned(4).samples == saved.samples).all() and run(model, fitting).decision[0] >= 0
 
 
+def test_a_second_recorder_of_a_file_is_told_to_take_another(tmp_path):
+    files = [GrowingArchive(tmp_path / "touches.npz", MODEL.config) for _ in range(2)]
+    for number in range(3):
+        files[0].add(touch(number), "wool")
+        files[0].undo()
+    files[0].add(touch(4), "wool")
+    files[0].close()
+    with refused("another program has written it"):
+        files[1].add(touch(5), "silk")
+    assert len(load_recordings(tmp_path / "touches.npz")) == 1
+
+
 @pytest.mark.parametrize("sends", [False, True])
 def test_over_a_serial_port(sends, tmp_path):
     """A board that sends no frames is refused; another is told to stop in the end."""
