@@ -1,7 +1,6 @@
 """eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import eskin
@@ -52,10 +51,8 @@ def test_every_form_of_frames_gives_the_same(model):
 def test_vectors_are_recordings_of_one_taxel():
     model = eskin.Model()
     model._integer = random_integer_model(AcceleratorConfig.of(taxels=1, sample_rate_hz=100.0), 1)
-    vectors = [np.arange(50), np.arange(50) % 7]
-    alike = model.predict([vector[:, None] for vector in vectors])
-    for frames in (vectors, tuple(vectors), [*vectors, [[5], [6]]], [pd.Series(each) for each in vectors]):
-        assert np.array_equal(model.predict(frames)[:2], alike)
+    vector = np.arange(50)
+    assert np.array_equal(model.predict([vector] * 2), model.predict([vector[:, None]] * 2))
 
 
 def test_scores_are_those_that_decide(model):

@@ -63,9 +63,9 @@ def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
         ),
         ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
         (
-            {"b": lambda r, k: "NaN", "c": lambda r, k: "NA", "d": lambda r, k: "-"},
+            {"b": lambda r, k: "NaN", "c": lambda r, k: "-"},
             {},
-            "'b' is empty .* 2 more columns",
+            "'b' is empty and was left out, as are 1 more columns",
         ),
         ({"": lambda r, k: FRAMES * r + k}, {}, "increases like a time or numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is the given one"),
@@ -78,7 +78,7 @@ def test_another_column_is_understood_and_said(tmp_path, extra, groups, note):
     assert {
         name: values.tolist() for name, values in recordings.groups.items() if name != "recording"
     } == groups
-    assert any(re.search(note, sentence) for sentence in recordings.notes), recordings.notes
+    assert any(note in sentence for sentence in recordings.notes), recordings.notes
 
 
 def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
@@ -122,10 +122,6 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
     assert read(tmp_path, table(labels=["1234567", "1234568"])).class_names == ("1234567", "1234568")
     assert read(tmp_path, table(labels=["x" + "1" * 5000, "x" + "2" * 5000])).labels.tolist() == [0, 1] * 4
     assert read(tmp_path, table(names="0,1,2")).taxels == 3
-    rows = "\n".join(f"{k},{500 + 7 * k % 91},{250 + 5 * k % 83}" for k in range(30))
-    assert texts(tmp_path / "index", lambda number: f",10,20\n{rows}", AT).channel_names == ("10", "20")
-    with refused("line 1: column 2 holds an empty cell"):
-        texts(tmp_path / "gap", lambda number: f"5,,3\n{rows}", AT)
 
 
 def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):

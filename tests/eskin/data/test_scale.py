@@ -166,15 +166,8 @@ def test_columns_of_different_kinds_get_a_scale_each(tmp_path):
         names = np.array(list("abcde") if stem == "name" else [f"{stem}{number}" for number in range(5)])
         scale = recordings_of(arrays | {"channel_names": names}, "one").volt_per_code
         assert isinstance(scale, float) if stem == "taxel" else scale == made.volt_per_code
-    touch, numbers = np.sin(np.arange(500) / 9)[:, None], np.random.default_rng(5)
-    for sizes, scales in (
-        ((5, 5, 100, 100, 2000, 2000), 2),  # neighbours 20 apart, the ends 400
-        ((5, 5, 200, 200, 9000, 9000), 3),
-        ((30, 20, 20, 1, 1, 1), 1),
-        ((500, 20, 500, 500, 500, 0), 1),  # a touch that fades, and a dead taxel
-    ):
-        samples = touch * sizes + numbers.normal(0, 0.1, (500, 6))
-        assert len({*np.ravel(to_codes(samples, "unnamed")[1])}) == scales
+    touch = np.sin(np.arange(500) / 9)[:, None] * (5, 90, 1600, 60_000)  # most neighbours are 18 apart
+    assert len(set(to_codes(touch, "unnamed")[1])) == 3
     save_archive(by_unit, tmp_path / "kept.npz")
     with np.load(tmp_path / "kept.npz") as kept:
         assert kept["lsb_volt"].shape == (5,) and kept["unit"].tolist() == units.tolist()

@@ -1,7 +1,5 @@
 """Stamps of serial monitors, grids of taxels, one taxel, hundreds of empty columns, files of other tools."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.io import savemat
 
@@ -53,32 +51,33 @@ def test_a_stamp_in_front_of_a_line_hides_no_taxel(tmp_path, stamp, sign, readin
         read("", 1, f"5\n{stamp(40)}5")
 
 
-@each_row("head", ["time_ms,a,b,c,d,e,f", "time_ms -> a,b,c,d,e,f", "t (ms) => a,b,c,d,e,f"])
+def lines(head, form):
+    """The text of a recording: a head, and each frame's number and codes in a form."""
+    return lambda n: "\n".join([head, *(form.format(k, *row) for k, row in enumerate(FLAT[n].tolist()))])
+
+
+@each_row("head", ["time_ms,a,b", "time_ms -> a,b"])
 def test_the_header_names_the_unit_of_the_stamps(tmp_path, head):
-    rows = lambda n: (f"{5 * k} -> {','.join(map(str, row))}" for k, row in enumerate(FLAT[n].tolist()))
-    made = texts(tmp_path, lambda n: "\n".join([head, *rows(n)]))
-    assert made.sample_rate_hz == 200 and made.channel_names == tuple("abcdef")
+    made = texts(tmp_path, lines(head, "{0} -> {1},{2}"))
+    assert made.sample_rate_hz == 1000 and made.channel_names == ("a", "b")
 
 
-@each_row(
-    "stamp, between",
-    [("T+{:02d}ms | {}", ","), ("{:02d} | {}", ","), ("14:02:{:02d}.005:{}", ","), ("10{:02d};{}", " ")],
-)
-def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path, stamp, between):
-    rows = lambda n: (stamp.format(k, between.join(map(str, row))) for k, row in enumerate(FLAT[n].tolist()))
+@each_row("form", ["T+{:02}ms | {},{}", "{:02} | {},{},{}", "14:02:{:02}.005:{},{}", "10{:02};{} {} {}"])
+def test_a_number_behind_an_unknown_stamp_is_refused(tmp_path, form):
     with refused("column 1 holds a number behind a text; separate them"):
-        texts(tmp_path, lambda n: "\n".join(rows(n)), AT)
-    tab = lambda n: (f"{1000 + 5 * k}\t{' '.join(map(str, row))}" for k, row in enumerate(FLAT[n].tolist()))
-    assert np.array_equal(texts(tmp_path, lambda n: "\n".join(tab(n)), AT).recording(1), FLAT[2])
+        texts(tmp_path, lines("", form), AT)
 
 
-@each_row(
-    "when", [lambda k: f"frame_{k:03d}", lambda k: f"2026-05-01 14:0{k // 20}:{k % 20 * 3 + k % 2:02d}"]
-)
-def test_text_that_counts_is_left_out(tmp_path, when):
-    rows = lambda n: (f"{a};{when(k)};{b}" for k, (a, b, *_) in enumerate(FLAT[n].tolist()))
-    made = texts(tmp_path, lambda n: "\n".join(["a;when;b", *rows(n)]), AT)
-    assert made.taxels == 2 and any("'when' increases like a time" in note for note in made.notes)
+@each_row("form", ["{1};frame_{0:03};{2}", "{1};2026-05-01 14:02:{0:02}+02:00;{2}"])
+def test_text_that_counts_is_left_out(tmp_path, form):
+    assert "'when' increases like a time" in str(texts(tmp_path, lines("a;when;b", form), AT).notes)
+
+
+def test_of_gaps_and_tabs(tmp_path):
+    assert texts(tmp_path, lines(",10,20", "{},{},{}"), AT).channel_names == ("10", "20")
+    assert texts(tmp_path, lines("", "{}\t{} {} {}"), AT).taxels == 3
+    with refused("line 1: column 2 holds an empty cell"):
+        texts(tmp_path, lines("5,,3", "{1},{2},{3}"), AT)
 
 
 @each_row("ending, write", [("npy", np.save), ("mat", lambda path, array: savemat(path, {"skin": array}))])
@@ -120,9 +119,8 @@ def test_containers_and_lists_of_grids_and_of_one_taxel(tmp_path):
             Recordings.of(objects, [0, 1], sample_rate_hz=200)
     with refused("dict is not an array of numbers"):
         Recordings.of({0: FLAT[0]}, [0], sample_rate_hz=200)
-    for turned in (GRIDS.transpose(0, 2, 3, 1), [*FLAT.transpose(0, 2, 1)]):
-        with refused("array 0 has shape .* more taxels than frames; frames come first: transpose"):
-            Recordings.of(turned, [0, 1, 0, 1], sample_rate_hz=200)
+    with refused("array 0 has shape .* more taxels than frames; frames come first: transpose"):
+        Recordings.of(GRIDS.transpose(0, 2, 3, 1), [0, 1, 2, 1], sample_rate_hz=200)
 
 
 @each_row("head", [",".join(f"s{k}" for k in range(406)), ",".join("abcdef") + "," * 400])
@@ -145,20 +143,21 @@ def test_the_number_of_a_column_is_its_class(tmp_path):
     with refused("column 3 has one value .* or the class with --class 3"):
         texts(tmp_path, text, AT)
     by_number = Reading(rate_hz=200, label="3")
-    assert any(
-        "column 3 gives the class, the file the" in note for note in texts(tmp_path, text, by_number).notes
-    )
+    assert "column 3 gives the class, the file the" in str(texts(tmp_path, text, by_number).notes)
     (tmp_path / "all.csv").write_text("\n\n".join(map(text, range(4))))
     with refused("no header: give the number of a column, 1 to 3: name it with --class"):
         load_recordings(tmp_path / "all.csv", reading=AT)
     made = load_recordings(tmp_path / "all.csv", reading=by_number)
     assert made.labels.tolist() == [0, 1, 0, 1] and made.taxels == 2
     with refused("--columns: column 3 says class or recording; leave it out of the taxels"):
-        load_recordings(tmp_path / "all.csv", reading=replace(by_number, columns=("1-3",)))
-    timed = lambda n: "\n".join(f"{k * (1 + n // 3) / 200},{row}" for k, row in enumerate(text(n).split()))
-    (tmp_path / "all.csv").write_text("\n\n".join(map(timed, range(4))))
-    with refused("'recording 3' has 100 frames a second and 'recording 2' 200"):
-        load_recordings(tmp_path / "all.csv", reading=Reading(label="4"))
+        load_recordings(tmp_path / "all.csv", reading=Reading(label="3", columns=("1-3",)))
+    part = lambda n: lines("", f"{{}}e-{2 + n // 3},{{}},{n % 2}")(n)
+    (tmp_path / "all.csv").write_text("\n".join(map(part, range(4))))
+    with refused("'recording 0' has 100 frames a second and 'recording 3' 1000"):
+        load_recordings(tmp_path / "all.csv", reading=Reading(label="3"))
+    savemat(tmp_path / "a.mat", {"data": np.column_stack([FLAT[0], np.arange(40) // 20])})
+    by_number = Reading(rate_hz=200, label="7", recording="7")
+    assert load_recordings(tmp_path / "a.mat", reading=by_number).taxels == 6
 
 
 def test_files_of_edge_impulse_are_refused_with_what_to_do(tmp_path):
