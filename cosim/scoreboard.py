@@ -143,7 +143,7 @@ def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
 
 
 def read_behind(map_: Mapping[str, Any], read: Callable[[str, int], int]) -> dict[str, int]:
-    """The registers that are read behind a recording, by ``read(name, word)``; the words of several as one number."""
+    """Registers behind a recording. ``read(name, word)`` gives one word; the words of a register make one number."""
     return {
         name: sum(read(name, word) << 16 * word for word in range(words))
         for name, words in map_["behind"].items()
@@ -225,8 +225,8 @@ class Scoreboard:
         self._offered: list[int] = []
 
     def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
-        """The next values of a stage, and the cycles they came in. The cycles of steps are not
-        counted.
+        """Compare the next values of a stage, and the cycles they came in. ``step``, the cycles of each step, does not
+        count among the values.
 
         Raises
         ------

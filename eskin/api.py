@@ -64,9 +64,8 @@ class ClassNames(np.ndarray):
 
     def __getitem__(self, index: Any) -> Any:
         numbers = np.asarray(index)
-        if (
-            numbers.dtype.kind not in "iu" or (numbers >= len(self)).any() or (numbers < -1).any()
-        ):  # slices, masks, no class
+        # slices, masks, no class at all
+        if numbers.dtype.kind not in "iu" or ((numbers < -1) | (numbers >= len(self))).any():
             return super().__getitem__(index)
         return np.append(np.asarray(self), NO_CLASS)[index]
 

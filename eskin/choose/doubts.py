@@ -117,7 +117,8 @@ def by_choice(split: Split, nested: Nested) -> list[Doubt]:
 
 def below_range(tested: Evaluation, split: Split) -> list[Doubt]:
     """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out, by
-    more than two standard errors over recordings: with an error and a hit added, so that few or equal ones have one, too."""
+    more than two standard errors over recordings. The error counts one correct and one wrong decision more, so that it
+    is never 0."""
     (low, high), count = split.unseen.range, tested.recordings
     share = (tested.integer_accuracy * count + 1) / (count + 2)
     if low - tested.integer_accuracy <= 2 * math.sqrt(share * (1 - share) / count):

@@ -228,7 +228,7 @@ class Link:
         known["version"] = version
 
     def read(self, register: str, offset: int = 0) -> int:
-        """A register's value, or that ``offset`` addresses behind it."""
+        """The value of a register, or of the address ``offset`` behind it."""
         return self._ask(register, offset).value
 
     def write(self, writes: Sequence[tuple[int, int]]) -> None:
