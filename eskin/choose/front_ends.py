@@ -62,6 +62,9 @@ WHOLE, UNDOUBLED = ((20, 8), (12, 8), (8, 8), (2, 8), (1, 8)), 8
 """Windows that divide the touch: their number, and the most sums of each. A touch of 1 / UNDOUBLED of the longest
 fills the store before the hop doubles."""
 
+LENGTHS = ("touch_frames", "onset_mean_frames", "onset_check_frames", "rearm_frames", "fault_frames")
+"""Fields in frames that keep their time in seconds where ``scan_every`` changes; the first one where windows follow."""
+
 FOREST_WINDOWS = (1, 2, 8)
 """Numbers of windows that divide the touch, on which trees are tried."""
 
@@ -689,7 +692,7 @@ def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
     """``at`` with half the scans: quantities in frames keep their time in seconds. A rest level for an onset
     is the mean of as many frames as before, because the noise of a frame stays the same. None if the hop or
     the fault detector's block cannot be halved, or if windows begin before the onset."""
-    windows, features, rule, rest = at.windows, at.features, at.onset_rule, at.rest_level
+    windows, features, rest = at.windows, at.features, at.rest_level
     odd = windows.hop % 2 and not at.follows_touch
     if windows.window_mode == "touch" or odd or at.faults.fault_frames == 2:
         return None
@@ -700,13 +703,9 @@ def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
         at,
         scan_every=2 * at.sensor.scan_every,
         rest_frames=-(-rest.rest_frames // 2) if at.opens_at_once else rest.rest_frames,
-        onset_mean_frames=max(rule.onset_mean_frames // 2, 1),
-        onset_check_frames=max(rule.onset_check_frames // 2, 1),
-        rearm_frames=-(-rule.rearm_frames // 2),
-        fault_frames=at.faults.fault_frames // 2,
+        **{name: -(-at.value(name) // 2) for name in LENGTHS[not at.follows_touch :]},
         hop=hop,
         window=2 * hop,
-        touch_frames=-(-windows.touch_frames // 2) if at.follows_touch else windows.touch_frames,
         activity_block=block,
         integral_knee=max(features.integral_knee - 1, 0),  # sums of half the frames
     )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.choose.candidate import CLEAN_LOSS
-from eskin.choose.front_ends import WHOLE, Screen, valid, whole, with_hop
+from eskin.choose.front_ends import LENGTHS, WHOLE, Screen, valid, whole, with_hop
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import find_touches
@@ -143,18 +143,14 @@ class Hardening:
         every, kinds = config.sensor.scan_every, config.features.feature_kinds
         if self.screen is None or every == 1 or "mean" not in kinds or config.windows.window_mode == "touch":
             return []
-        rule, hop, frames = config.onset_rule, 2 * config.windows.hop, config.rest_level.rest_frames
+        hop, frames = 2 * config.windows.hop, config.rest_level.rest_frames
         one = valid(
             config,
             scan_every=every // 2,
             rest_frames=2 * frames if frames > 1 else frames,
-            onset_mean_frames=2 * rule.onset_mean_frames,
-            onset_check_frames=2 * rule.onset_check_frames,
-            rearm_frames=2 * rule.rearm_frames,
-            fault_frames=2 * config.faults.fault_frames,
+            **{name: min(2 * config.value(name), 65535) for name in LENGTHS},
             hop=hop,
             window=2 * hop,
-            touch_frames=min(2 * config.windows.touch_frames, 65535),
             feature_kinds=("mean",),
         )
         return [one] if one else []

@@ -29,6 +29,7 @@ _RECORDING = (
     "recording recording_id rec rec_id record series series_id sequence_id sample_id episode_index".split()
 )
 CLASS = "class label labels target class_name".split()
+_CONSTANT = "is constant in each recording and was taken as a taxel"
 _CLASS_TOO = "category material object texture surface gesture".split()
 """Column names that are the class if only one of them exists."""
 _GROUPS = "person subject participant user session block trial run fold group day speed seq sequence".split()
@@ -343,7 +344,7 @@ class _Meaning:
     # ------------------------------------------------------------------ columns
     def taxels(self) -> list[int]:
         """The taxels. Every other column is time, a group or left out, which is said."""
-        table, taxels = self.table, [*self.chosen]
+        table, taxels, constant = self.table, [*self.chosen], list[int]()
         empty = [column for column in range(table.width) if column not in table.frame]
         for column in self._named(_GROUPS) if self.chosen else table.frame:
             if column == self.time or column in self.used:
@@ -359,15 +360,17 @@ class _Meaning:
                 self.notes.append(f"{called} {why} and was left out")
             elif role == "taxel":
                 taxels.append(column)
-                self.notes += [f"{called} {why}"] if why else []
+                constant += [column] if why else []
             elif not self.chosen:
                 self._check_whole(column, "is a group")
                 self._group(table.names[column], self.fact(column), called, why)
             elif not (self._inside(column).size or table.is_missing(column).any()):
                 self._group(table.names[column], self.fact(column), called)
-        if empty and not self.chosen:
-            more = f", as are {len(empty) - 1} more columns" * (len(empty) > 1)
-            self.notes.append(f"{table.called(min(empty))} is empty and was left out{more}")
+        found = {} if self.chosen else {_CONSTANT: constant, "is empty and was left out": empty}
+        for why, columns in found.items():
+            if columns:
+                more = f", as are {len(columns) - 1} more columns" * (len(columns) > 1)
+                self.notes.append(f"{table.called(min(columns))} {why}{more}")
         if not taxels:
             table.refuse(
                 "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
@@ -414,7 +417,7 @@ class _Meaning:
             (known and level, "group", "describes a recording"),
             (known, "left out", "changes inside recordings, so is not a group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is not a taxel,"),
-            (level and (in_series or same), "taxel", "is constant in each recording and was taken as a taxel"),
+            (level and (in_series or same), "taxel", _CONSTANT),
             (in_series, "taxel", ""),
             (level and names, "group", "has one value in each recording and is a group"),
             (is_clock, "time", ""),

@@ -236,6 +236,9 @@ def table_of(frame: DataFrame, source: str, **more: Any) -> Table:
     names = [str(name) for name in frame.columns]
     frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
     for column in frame.select_dtypes(exclude=["number", "datetime", "datetimetz"]):
+        if isinstance(frame[column].iloc[0], list | np.ndarray):
+            fix = "give a column for each place, as in DataFrame(column.tolist())"
+            raise InputError(f"recordings {source}: column '{names[column]}' holds lists; {fix}")
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").map(_text)
     units = (str(units_of),) * len(names) if units_of else ()
     return Table(frame, tuple(names), source, units=units, **more)

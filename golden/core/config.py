@@ -586,19 +586,16 @@ class AcceleratorConfig:
         """Bits of the sum of deviations in a touch."""
         return signed_bits(self.integral_bound)
 
-    @property
-    def integral_limit(self) -> int:
-        """A bound on companded integrals: log2 of twice the integral's bound over the knee, rounded up."""
-        # 1 + |d| / 2**knee is at most twice the larger of 1 and |d| / 2**knee
-        return max(self.integral_bits - self.features.integral_knee, 1) << self.features.integral_frac
-
     def _value_bits(self, frames: int) -> int:
         """Bits of any kind's value of so many frames."""
         bounds = {
             "mean": frames * self.deviation_bound,
             # rounded up: blocks that do not fill the window are refused later, with this width in use
             "activity": -(-frames // self.features.activity_block) * self.block_bound,
-            "integral": self.integral_limit,
+            # log2 of twice the bound over the knee, rounded up: 1 + |d| / 2**knee is at most twice the larger of its
+            # summands
+            "integral": max(self.integral_bits - self.features.integral_knee, 1)
+            << self.features.integral_frac,
         }
         return signed_bits(
             max(bounds.get(kind, self.deviation_bound) for kind in self.features.feature_kinds)
@@ -822,11 +819,6 @@ class AcceleratorConfig:
         return QFormat(self.index_bits, 0)
 
     @property
-    def sigmoid_frac(self) -> int:
-        """Fraction bits of a sigmoid index (step 16 / table_entries)."""
-        return self.index_bits - 4
-
-    @property
     def tanh_frac(self) -> int:
         """Fraction bits of a tanh index (step 8 / table_entries)."""
         return self.index_bits - 3
@@ -834,7 +826,7 @@ class AcceleratorConfig:
     @property
     def sigmoid_shift(self) -> int:
         """Bits rounded away from a gate accumulator to a sigmoid index."""
-        return self.product_frac - self.sigmoid_frac
+        return self.product_frac - (self.index_bits - 4)  # of an index's step, 16 / table_entries
 
     @property
     def tanh_shift(self) -> int:

@@ -163,6 +163,11 @@ def to_codes(
         f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {in_words(scale)} ({origin})"
     ]
     notes += held_codes
+    reach = np.abs(values).max(axis=0)
+    weak = np.flatnonzero((reach > 0) & (reach * APART < largest))
+    if len(weak) and isinstance(scale, float):
+        fix = "if another sensor gives these, name the columns by their kinds"
+        notes.append(f"{called(weak, names)}: far below the others, with one scale for all; {fix}")
     # a quantile of about 100 000 frames is as good as one of all frames
     span = np.subtract(*np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0))
     moves = span / np.asarray(scale)

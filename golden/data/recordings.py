@@ -322,6 +322,8 @@ class Recordings:
 def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str, labels: int) -> list[np.ndarray]:
     """Recordings from an argument: one recording, or several. ``labels``: how many there are."""
     sequence: Any = arrays
+    if any(map(np.ma.is_masked, arrays if isinstance(arrays, list | tuple) else [arrays])):
+        raise InputError(f"{source}: has masked values; fill them, or leave their recordings out")
     try:
         if not hasattr(arrays, "ndim") and not isinstance(arrays, Mapping) and len(sequence) > 0:
             vectors = all(getattr(part, "ndim", 0) == 1 for part in sequence)
@@ -393,7 +395,6 @@ def recordings_of(
     narrow_type = samples.dtype.itemsize <= 2
     bits = 8 * samples.dtype.itemsize if narrow_type else 16
     signed = samples.dtype.kind == "i" if narrow_type else low < 0
-    check_offsets(arrays["offsets"], len(samples), refuse)
     recordings = len(arrays["offsets"]) - 1
 
     class_names, labels = classes_of(arrays, recordings, refuse)
@@ -434,6 +435,7 @@ def _samples(
         )
     if not len(samples):
         refuse("samples", "holds no frame; an archive needs at least one recording")
+    check_offsets(arrays["offsets"], len(samples), refuse)
     volt = _worth(arrays["lsb_volt"], samples.shape[1]) if "lsb_volt" in arrays else 0.0
     if volt is None:
         refuse(
@@ -444,10 +446,11 @@ def _samples(
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))
+            recording = np.searchsorted(arrays["offsets"], row, "right") - 1
             refuse(
                 "samples",
-                f"holds {samples[row, taxel]} at row {row}, taxel {taxel}; every sample must be a finite "
-                "number",
+                f"holds {samples[row, taxel]} in recording {recording}, frame {row - arrays['offsets'][recording]}, taxel "
+                f"{taxel}; every sample must be a finite number",
             )
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
@@ -541,19 +544,13 @@ def natural(name: str) -> list:
 def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Without class names, the labels (text or whole numbers) are the names."""
     labels = arrays.get("labels")
-    if labels is not None and labels.dtype.kind in "iu" and "class_names" not in arrays:
-        labels = labels.astype(np.str_)
-    if labels is None or labels.dtype.kind not in "US":
+    if labels is None or labels.dtype.kind not in ("US" if "class_names" in arrays else "USiu"):
         return arrays
-    arrays = arrays | {"labels": labels}
     if labels.dtype.kind == "S":
-        words = [word.decode("utf-8", "replace") for word in labels.ravel().tolist()]
-        arrays = arrays | {"labels": (labels := np.array(words, dtype=np.str_).reshape(labels.shape))}
-    if "class_names" in arrays:
-        return arrays
-    return arrays | {
-        "class_names": np.array(sorted(set(labels.ravel().tolist()), key=natural), dtype=np.str_)
-    }
+        labels = np.char.decode(labels, "utf-8", "replace")
+    labels = labels.astype(np.str_)
+    names = np.array(sorted(set(labels.ravel().tolist()), key=natural), dtype=np.str_)
+    return {"class_names": names} | arrays | {"labels": labels}
 
 
 def classes_of(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str, ...], np.ndarray]:
@@ -665,8 +662,8 @@ def image_recordings(
     count, height, width = images.shape
     return Recordings(
         samples=images.reshape(count * height, width).astype(np.int32),
-        offsets=np.arange(count + 1, dtype=np.int64) * height,
-        labels=np.asarray(labels, dtype=np.int64),
+        offsets=np.arange(count + 1) * height,
+        labels=np.asarray(labels),
         class_names=tuple(class_names),
         sample_rate_hz=rate_hz,
         source=source,
@@ -679,8 +676,8 @@ def _positive_number(value: np.ndarray) -> float | None:
     """The single finite number above 0 that ``value`` holds, or None."""
     if value.size != 1 or value.dtype.kind not in "iuf":
         return None
-    number = float(value.reshape(()))
-    return number if np.isfinite(number) and number > 0 else None
+    number = float(value.item())
+    return number if 0 < number < np.inf else None
 
 
 def _worth(value: np.ndarray, taxels: int) -> Worth | None:
@@ -688,10 +685,10 @@ def _worth(value: np.ndarray, taxels: int) -> Worth | None:
     if value.shape != (taxels,) or value.dtype.kind not in "iuf":
         return _positive_number(value)
     numbers = tuple(map(float, value))
-    if not all(np.isfinite(number) and number > 0 for number in numbers):
+    if not all(np.isfinite(value) & (value > 0)):
         return None
     return numbers if len(set(numbers)) > 1 else numbers[0]
 
 
 def _shown(value: np.ndarray) -> str:
-    return str(value.reshape(())) if value.size == 1 else f"of shape {value.shape}"
+    return str(value.item()) if value.size == 1 else f"of shape {value.shape}"

@@ -168,6 +168,10 @@ def test_columns_of_different_kinds_get_a_scale_each(tmp_path):
         assert isinstance(scale, float) if stem == "taxel" else scale == made.volt_per_code
     touch = np.sin(np.arange(500) / 9)[:, None] * (5, 90, 1600, 60_000)  # most neighbours are 18 apart
     assert len(set(to_codes(touch, "unnamed")[1])) == 3
+    noise = np.random.default_rng(1).normal(size=(500, 1))
+    touch = np.hstack([touch[:, :1] * 100] * 3 + [noise])  # vibration, or a dead taxel
+    _, scale, notes = to_codes(touch, "unnamed")
+    assert isinstance(scale, float) and "taxel 3: far below the others" in notes[1]
     save_archive(by_unit, tmp_path / "kept.npz")
     with np.load(tmp_path / "kept.npz") as kept:
         assert kept["lsb_volt"].shape == (5,) and kept["unit"].tolist() == units.tolist()

@@ -117,8 +117,16 @@ def test_containers_and_lists_of_grids_and_of_one_taxel(tmp_path):
         assert len(Recordings.of(ragged, [0, 1], sample_rate_hz=200)) == 2
         with refused("ndarray of objects .* give .* a list of such arrays"):
             Recordings.of(objects, [0, 1], sample_rate_hz=200)
-    with refused("dict is not an array of numbers"):
-        Recordings.of({0: FLAT[0]}, [0], sample_rate_hz=200)
+    hole, holes = FLAT[1].astype(float), np.ma.masked_equal(FLAT[1], FLAT[1, 3, 2])
+    hole[3, 2] = np.nan
+    for given, words in (
+        ({0: FLAT[0]}, "dict is not an array of numbers"),
+        ([FLAT[0], hole], "holds nan in recording 1, frame 3, taxel 2;"),
+        (holes, "has masked values"),
+        ([FLAT[0], holes], "has masked values"),
+    ):
+        with refused(words):
+            Recordings.of(given, [0], sample_rate_hz=200)
     with refused("array 0 has shape .* more taxels than frames; frames come first: transpose"):
         Recordings.of(GRIDS.transpose(0, 2, 3, 1), [0, 1, 2, 1], sample_rate_hz=200)
 
