@@ -303,7 +303,7 @@ class Engine(wiring.Component):
         drive(m, self.status, slot_done=enable & word.in_step, step_done=enable & word.ends_step)
         # A register, because everything depends on it: a step starts a cycle later.
         m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
-        slots = Signal(16)
+        slots = Signal.like(self.step.value)
         with m.If(self.status.slot_done):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):

@@ -99,18 +99,18 @@ class ForestEngine(wiring.Component):
             windows_open=queue.open,
             slot_done=in_step,
         )
-        slots = Signal(16)
+        slots = Signal.like(self.step.value)
         m.d.sync += slots.eq(Mux(go, 0, slots + 1))
         m.d.comb += [self.started.eq(go), self.busy.eq(self.status.working | queue.taxel.any())]
         drive(m, self.step, valid=self.status.step_done, value=slots + logit_to_decision(config))
 
         # ---------------------------------------------------------------- features: sums by their scales
         arriving, waiting = working_memory(
-            m, "windows", shape_of(config.centred_format), 2 << ceil_log2(inputs)
+            m, "windows", shape_of(config.centred_format), 1 << len(column) + 1
         )[::-1]
         begins = scaling & (turn == 0)
         drive(m, arriving, addr=Cat(queue.taxel, queue.writing), data=self.i.p.value, en=queue.take)
-        drive(m, waiting, addr=Cat(column[: ceil_log2(inputs)], queue.reading), en=begins)
+        drive(m, waiting, addr=Cat(column, queue.reading), en=begins)
         scale = self._scales(m, column, scaled, begins)
         # The scale's bits leave at the low end while the product grows at the high end. The rounding half
         # starts there: SCALE_BITS shifts later it is worth as much as in the product.
@@ -118,14 +118,13 @@ class ForestEngine(wiring.Component):
         total = product[SCALE_BITS:].as_signed() + Mux(product[0], waiting.data, 0)
         m.d.sync += product.eq(Cat(product[1:SCALE_BITS], total))
         with m.If(turn == 1):
-            m.d.sync += product.eq(Cat(scale[:SCALE_BITS], Const(config.gate_one >> 1, 16)))
+            m.d.sync += product.eq(Cat(scale[:SCALE_BITS], Const(config.gate_one >> 1)))
         feature = saturate(product >> config.formats.gate_frac, config.formats.feature_format)
         read, store = working_memory(
-            m, "features", shape_of(config.formats.feature_format), steps << ceil_log2(inputs)
+            m, "features", shape_of(config.formats.feature_format), steps << len(column)
         )
-        step_bits, input_bits = step[: ceil_log2(steps)], column[: ceil_log2(inputs)]
         less = m.submodules.features.read_port()
-        drive(m, store, addr=Cat(input_bits, step_bits), data=feature, en=scaled)
+        drive(m, store, addr=Cat(column, step), data=feature, en=scaled)
         drive(m, self.feature, valid=scaled, value=feature)
 
         # ---------------------------------------------------------------- walks
@@ -158,7 +157,7 @@ class ForestEngine(wiring.Component):
         self.node_enable = walking & ~looks & (at_root | ~(ended | leaf))
         drive(m, node_read, en=self.node_enable)
         m.d.comb += address.eq(Mux(at_root, tree, child))
-        window = Mux(node.window > step, step, node.window)[: len(step_bits)]
+        window = Mux(node.window > step, step, node.window)[: len(step)]
         for port, column_read in ((read, node.input), (less, node.subtrahend)):
             drive(m, port, addr=Cat(column_read, window), en=looks & ~ended)
         with m.If(~looks):
@@ -168,7 +167,7 @@ class ForestEngine(wiring.Component):
         width = config.formats.logit_format.width
         summed, put = working_memory(m, "scores", signed(width), classes)
         voted, vote, adds = Signal.like(number), Signal(signed(VOTE_BITS)), Signal()
-        m.d.sync += [voted.eq(child[VOTE_BITS:-1]), vote.eq(child[:VOTE_BITS].as_signed()), adds.eq(votes)]
+        m.d.sync += [voted.eq(child[VOTE_BITS:-1]), vote.eq(child), adds.eq(votes)]
         drive(m, summed, addr=Mux(giving, number, child[VOTE_BITS:-1]), en=giving | votes)
         drive(
             m,
@@ -194,7 +193,7 @@ class ForestEngine(wiring.Component):
                 m.d.sync += constant.eq(wrapping_increment(constant, config.constants))
         length_bits = ceil_log2(len(config.window_lengths))
         depth = memory_map.scale_places(config)[-1] + 1
-        address = Cat(self.queue.length[:length_bits], constant[: ceil_log2(config.constants)])
+        address = Cat(self.queue.length[:length_bits], constant)
         read = self._memory(m, memory_map.Memory.CONSTANTS, depth, address, **NO_COLLISION)
         drive(m, read, en=begins)
         return read.data

@@ -39,7 +39,7 @@ CASES: dict[str, AcceleratorConfig] = {
         "short first window": BAND
         | TOUCH
         | dict(pretrigger_frames=2, hop=9, window=19, touch_frames=10, steps=1, rearm_frames=20),
-        "no pretrigger": BAND | TOUCH | dict(pretrigger_frames=0, rearm_frames=9),
+        "no pretrigger": BAND | TOUCH | dict(pretrigger_frames=0, rearm_frames=9, sample_signed=True),
         "immediate touch": TOUCH | dict(onset="immediate", pretrigger_frames=0, taxels=5),
         "band initial": BAND | FREE | dict(rest="initial", rest_frames=3, clip=77),
         "band tracked": BAND | FREE | dict(rest="tracked", rest_frames=32, sample_signed=True),

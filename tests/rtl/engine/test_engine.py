@@ -111,9 +111,14 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     async def monitor(ctx):
         ports = {name: getattr(engine, name) for name in ("logit", "feature", "state", "step")}
         taps = [signal for port in ports.values() for signal in (port.valid, port.value)]
-        ticks = ctx.tick().sample(engine.started, engine.check_failed, *taps)
-        async for _, _, started, wrong, *now in ticks:
+        status, was_busy = engine.status, 0
+        ticks = ctx.tick().sample(
+            engine.started, engine.check_failed, engine.busy, status.windows_open, *taps
+        )
+        async for _, _, started, wrong, busy, is_open, *now in ticks:
             assert not wrong, "every word is the image's"
+            assert was_busy >= started and is_open >= now[0], "a window waits, a step is open"
+            was_busy = busy
             for name, valid, value in zip(ports, now[::2], now[1::2], strict=True):
                 if valid:
                     seen[name].append(int(value))
@@ -166,6 +171,13 @@ def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)
     model = random_integer_model(config, seed=lanes)
     check_exact(model, windows(model.config, touches=2, seed=lanes), stall=0.3, seed=lanes)
+
+
+def test_the_largest_sum_of_a_row_keeps_its_sign():
+    model = random_integer_model(small("gru", "before", 1, taxels=16), seed=1)
+    for name in ("W_z", "W_r", "W_n"):
+        model.arrays[name] = np.full_like(model.arrays[name], -128)
+    check_exact(model, np.full((1, 3, 16), -32768))
 
 
 def test_a_window_in_its_buffer_has_its_own_flags():

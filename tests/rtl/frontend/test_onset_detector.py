@@ -91,14 +91,15 @@ def test_full_rate_and_latency(name):
 
 @each_row("excess", [0, 1])
 @each_row("sign", [-1, 1])
-@each_row("name", ["thesis", "pvdf"])
-def test_a_band_and_a_threshold_must_be_exceeded(name, sign, excess):
-    """A sample at the band's edge or beyond; a moving sum of 8 frames, judged every 4."""
-    config = CASES[name].replace(**dict(rest="initial", clip=0) if name == "pvdf" else {})
-    stream = np.full((40, config.sensor.taxels), REST)
-    if name == "pvdf":
-        stream[20:28, 3] += sign * config.onset_rule.onset_threshold
-        stream[24, 3] += sign * excess
+@each_row("name, begin, frames", [("thesis", 0, 0), ("pvdf", 20, 8), ("one block", 1, 3)])
+def test_a_band_and_a_threshold_must_be_exceeded(name, begin, frames, sign, excess):
+    """A sample at the band's edge or beyond; a moving sum of 8 frames, judged every 4; the first of 4, of which one makes
+    the level."""
+    config = CASES[name].replace(**dict(rest="initial", clip=0) if frames else {})
+    stream, rule = np.full((40, config.sensor.taxels), REST), config.onset_rule
+    if frames:
+        stream[begin : begin + frames, 2] += sign * rule.onset_threshold
+        stream[begin + 1, 2] += sign * (rule.onset_threshold * (rule.onset_mean_frames - frames) + excess)
     else:
         stream[24, 3] += sign * (100 + excess)
     out, _, flags = run(config, sample_beats(stream))
