@@ -17,14 +17,18 @@ mutmut neither.
 
 import ast
 import contextlib
+import gc
+import importlib
 import itertools
+import multiprocessing
 import os
 import random
 import re
+import resource
 import shutil
 import signal
-import subprocess
 import sys
+import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -33,6 +37,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pytest
 import typer
 
 from eskin.cli.common import progress_bars
@@ -44,7 +49,9 @@ from scripts.house import tracked
 
 SCOPE, OUT = "tests/mutants.toml", "build/mutants"
 REQUIRED = 0.95
-PYTEST = "-m pytest -x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line".split()
+PYTEST = "-x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line -W ignore::pytest.PytestAssertRewriteWarning".split()
+LIBRARIES = ("amaranth.sim", "cocotb_tools.runner", "hypothesis", "pydantic", "torch")
+"""Loaded once for all mutants."""
 LIMIT = 300
 """Seconds of the processor after which a test is ended."""
 Fault = tuple[str, Any, str]
@@ -292,9 +299,29 @@ class Scope:
         )
 
 
+def _tested(copy: Path, tests: list[str], limit: int) -> None:
+    """Run tests until one fails, in a process forked from one that has the libraries: its status is pytest's."""
+    os.setsid()
+    os.chdir(copy)
+    os.environ |= {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
+    sys.path.insert(0, str(copy))
+    sys.dont_write_bytecode = True
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("eskin", "scripts", "tests")]:
+        del sys.modules[name]  # the copy has its own
+    output = os.open(copy.parent / "log.txt", os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    for test in tests:
+        resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time()) + limit, resource.RLIM_INFINITY))
+        # a slow test runs where it is named itself; of a file that is named whole only the quick ones
+        words = [*PYTEST, f"--rootdir={copy}", "-m", "" if "::" in test else "not slow", test]
+        if status := pytest.main(words):
+            sys.exit(int(status))
+
+
 def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
-    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared}. shared:
-    the project, the folder of copies, seconds of the processor that a test may take.
+    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared, seconds}.
+    shared: the project, the folder of copies, seconds of the processor that a test may take.
 
     Raises
     ------
@@ -305,29 +332,20 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
     copy = folder / str(os.getpid()) / root.name
     if not copy.exists():  # with links: found as ``eskin`` by whoever has the copy on its path
         shutil.copytree(root, copy, symlinks=True, ignore=shutil.ignore_patterns(".*", "build"))
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    gc.freeze()
     (copy / mutant.file).write_text(mutant.applied())
-    environment = {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    log = copy.parent / "log.txt"
-    for test in tests:
-        # a slow test runs where it is named itself; of a file that is named whole only the quick ones
-        words = [*PYTEST, f"--rootdir={copy}", "-m", "" if "::" in test else "not slow", test]
-        with log.open("w") as output:
-            process = subprocess.Popen(
-                ["sh", "-c", f'ulimit -S -t {limit}; exec "$@"', "sh", sys.executable, *words],
-                cwd=copy,
-                env=os.environ | environment,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-            )
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(10 * limit)  # the machine may be busy
-        with contextlib.suppress(ProcessLookupError):  # with what it left behind
-            os.killpg(process.pid, signal.SIGKILL)
-        if status := process.wait():
-            break
+    begin = time.monotonic()
+    process = multiprocessing.get_context("fork").Process(target=_tested, args=(copy, tests, limit))
+    process.start()
+    process.join(10 * limit * len(tests))  # the machine may be busy
+    with contextlib.suppress(ProcessLookupError):  # with what it left behind
+        os.killpg(process.pid or 0, signal.SIGKILL)
+    process.join()
+    status = process.exitcode or 0
     (copy / mutant.file).write_text(mutant.text)
-    end = log.read_text(errors="replace")[-6000:]
+    end = (copy.parent / "log.txt").read_text(errors="replace")[-6000:]
     if status and not mutant.kind:
         raise ChildProcessError(f"a test fails without a mutant:\n{end}")
     return {
@@ -338,6 +356,7 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
         else "survived",
         # a test compared, and did not find what it asserts
         "compared": status > 0 and bool(re.search(r":\d+: (AssertionError|assert )", end)),
+        "seconds": time.monotonic() - begin,
     }
 
 
@@ -359,15 +378,18 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     before = [(plain, [test]) for test in sorted({test for _, tests in works for test in tests})]
     content = content_key(*(root / name for name in tracked(root) if str(name) != SCOPE))
     keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in before + works]
-    try:
+
+    def verdicts(what: str, keys: list[str], works: list[Work]) -> Record:
         with progress_bars() as report:
-            results = Jobs(workers=2, progress=report).results(
-                verdict,
-                dict(zip(keys, before + works, strict=True)),
-                (root, out / "copies", LIMIT),
-                keep=Memo(out / "verdicts"),
-                what="tests as they are, then mutants",
-            )
+            jobs = Jobs(workers=2, progress=report)
+            pieces, shared = dict(zip(keys, works, strict=True)), (root, out / "copies", LIMIT)
+            return jobs.results(verdict, pieces, shared, keep=Memo(out / "verdicts"), what=what)
+
+    try:
+        results = verdicts("tests as they are", keys[: len(before)], before)
+        seconds = {tests[0]: results[key]["seconds"] for (_, tests), key in zip(before, keys, strict=False)}
+        quickest = [(mutant, sorted(tests, key=seconds.__getitem__)) for mutant, tests in works]
+        results = verdicts("mutants", keys[len(before) :], quickest)
     except ChildProcessError:
         shutil.rmtree(out / "verdicts")
         raise
