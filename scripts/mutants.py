@@ -28,7 +28,6 @@ import resource
 import shutil
 import signal
 import sys
-import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -50,10 +49,8 @@ from scripts.house import tracked
 SCOPE, OUT = "tests/mutants.toml", "build/mutants"
 REQUIRED = 0.95
 PYTEST = "-x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line -W ignore::pytest.PytestAssertRewriteWarning".split()
-LIBRARIES = ("amaranth.sim", "cocotb_tools.runner", "hypothesis", "pydantic", "torch")
-"""Loaded once for all mutants."""
 LIMIT = 300
-"""Seconds of the processor after which a test is ended."""
+"""Seconds of the processor after which the tests of a mutant are ended."""
 Fault = tuple[str, Any, str]
 """Kind, expression, text in its place."""
 Work = tuple["Mutant", list[str]]
@@ -303,25 +300,22 @@ def _tested(copy: Path, tests: list[str], limit: int) -> None:
     """Run tests until one fails, in a process forked from one that has the libraries: its status is pytest's."""
     os.setsid()
     os.chdir(copy)
-    os.environ |= {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
-    sys.path.insert(0, str(copy))
+    os.environ |= {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     sys.dont_write_bytecode = True
+    sys.stdout = sys.stderr = (copy.parent / "log.txt").open("w")
     for name in [name for name in sys.modules if name.partition(".")[0] in ("eskin", "scripts", "tests")]:
-        del sys.modules[name]  # the copy has its own
-    output = os.open(copy.parent / "log.txt", os.O_CREAT | os.O_WRONLY | os.O_TRUNC)
-    os.dup2(output, 1)
-    os.dup2(output, 2)
+        del sys.modules[name]  # the copy's come in their place
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
     for test in tests:
-        resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time()) + limit, resource.RLIM_INFINITY))
         # a slow test runs where it is named itself; of a file that is named whole only the quick ones
         words = [*PYTEST, f"--rootdir={copy}", "-m", "" if "::" in test else "not slow", test]
         if status := pytest.main(words):
-            sys.exit(int(status))
+            sys.exit(status)
 
 
 def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
-    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared, seconds}.
-    shared: the project, the folder of copies, seconds of the processor that a test may take.
+    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared}.
+    shared: the project, the folder of copies, seconds of the processor that the tests may take.
 
     Raises
     ------
@@ -332,18 +326,17 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
     copy = folder / str(os.getpid()) / root.name
     if not copy.exists():  # with links: found as ``eskin`` by whoever has the copy on its path
         shutil.copytree(root, copy, symlinks=True, ignore=shutil.ignore_patterns(".*", "build"))
-    for name in LIBRARIES:
+    for name in "amaranth.sim cocotb_tools.runner hypothesis pydantic torch".split():  # once for all mutants
         importlib.import_module(name)
     gc.freeze()
     (copy / mutant.file).write_text(mutant.applied())
-    begin = time.monotonic()
-    process = multiprocessing.get_context("fork").Process(target=_tested, args=(copy, tests, limit))
+    process: Any = multiprocessing.get_context("fork").Process(target=_tested, args=(copy, tests, limit))
     process.start()
-    process.join(10 * limit * len(tests))  # the machine may be busy
+    process.join(10 * limit)  # the machine may be busy
     with contextlib.suppress(ProcessLookupError):  # with what it left behind
-        os.killpg(process.pid or 0, signal.SIGKILL)
+        os.killpg(process.pid, signal.SIGKILL)
     process.join()
-    status = process.exitcode or 0
+    status: Any = process.exitcode
     (copy / mutant.file).write_text(mutant.text)
     end = (copy.parent / "log.txt").read_text(errors="replace")[-6000:]
     if status and not mutant.kind:
@@ -356,7 +349,6 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
         else "survived",
         # a test compared, and did not find what it asserts
         "compared": status > 0 and bool(re.search(r":\d+: (AssertionError|assert )", end)),
-        "seconds": time.monotonic() - begin,
     }
 
 
@@ -378,18 +370,15 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     before = [(plain, [test]) for test in sorted({test for _, tests in works for test in tests})]
     content = content_key(*(root / name for name in tracked(root) if str(name) != SCOPE))
     keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in before + works]
-
-    def verdicts(what: str, keys: list[str], works: list[Work]) -> Record:
-        with progress_bars() as report:
-            jobs = Jobs(workers=2, progress=report)
-            pieces, shared = dict(zip(keys, works, strict=True)), (root, out / "copies", LIMIT)
-            return jobs.results(verdict, pieces, shared, keep=Memo(out / "verdicts"), what=what)
-
     try:
-        results = verdicts("tests as they are", keys[: len(before)], before)
-        seconds = {tests[0]: results[key]["seconds"] for (_, tests), key in zip(before, keys, strict=False)}
-        quickest = [(mutant, sorted(tests, key=seconds.__getitem__)) for mutant, tests in works]
-        results = verdicts("mutants", keys[len(before) :], quickest)
+        with progress_bars() as report:
+            results = Jobs(workers=2, progress=report).results(
+                verdict,
+                dict(zip(keys, before + works, strict=True)),
+                (root, out / "copies", LIMIT),
+                keep=Memo(out / "verdicts"),
+                what="tests as they are, then mutants",
+            )
     except ChildProcessError:
         shutil.rmtree(out / "verdicts")
         raise

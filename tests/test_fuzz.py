@@ -126,20 +126,18 @@ ODD = st.one_of(
     st.dictionaries(st.text(max_size=2), NUMBER, max_size=1),
 )
 FRAMES = np.full((60, CONFIG.sensor.taxels), 1000)
+TOUCHES = [FRAMES, FRAMES]
+recordings = functools.partial(eskin.Recordings.of, sample_rate_hz=500)
 CALLS = {
     "predict": lambda model, odd: model.predict(odd),
     "predict of a list": lambda model, odd: model.predict([FRAMES, odd]),
     "push": lambda model, odd: model.stream().push(odd),
     "score": lambda model, odd: model.score([FRAMES], odd),
-    "frames": lambda model, odd: eskin.Recordings.of([FRAMES, odd], [0, 1], sample_rate_hz=500),
-    "labels": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], odd, sample_rate_hz=500),
-    "rate": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], sample_rate_hz=odd),
-    "names": lambda model, odd: eskin.Recordings.of(
-        [FRAMES, FRAMES], [0, 1], class_names=odd, sample_rate_hz=500
-    ),
-    "groups": lambda model, odd: eskin.Recordings.of(
-        [FRAMES, FRAMES], [0, 1], sample_rate_hz=500, groups={"person": odd}
-    ),
+    "frames": lambda model, odd: recordings([FRAMES, odd], [0, 1]),
+    "labels": lambda model, odd: recordings(TOUCHES, odd),
+    "rate": lambda model, odd: recordings(TOUCHES, [0, 1], sample_rate_hz=odd),
+    "names": lambda model, odd: recordings(TOUCHES, [0, 1], class_names=odd),
+    "groups": lambda model, odd: recordings(TOUCHES, [0, 1], groups={"person": odd}),
     "load": lambda model, odd: eskin.load(odd),
     "Model.load": lambda model, odd: eskin.Model.load(odd),
     "config": lambda model, odd: eskin.Model(odd),

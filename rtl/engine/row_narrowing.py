@@ -43,7 +43,7 @@ class RowNarrowing(Block):
         # tanh's index has one fraction bit more, so one bit less above it. Both overflows are computed before
         # the late choice between them.
         more, low = config.sigmoid_shift - config.tanh_shift, config.index_bits - 1
-        fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
+        fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more)))
         m.d.comb += fine.eq(total >> config.tanh_shift)
         negative = fine[-1]
         over = Signal()

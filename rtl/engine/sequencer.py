@@ -12,10 +12,8 @@ from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 
 def control_layout(code: Microcode) -> data.StructLayout:
     """Layout of a program word, as wide as this program needs it."""
-    widths = {name: max(1, max(word[name] for word in code.unrolled()).bit_length()) for name in ADDRESSES}
-    return data.StructLayout(
-        {name: range(1 << width) for name, width in widths.items()} | dict.fromkeys(CONTROLS, 1)
-    )
+    addresses = {name: range(1 + max(word[name] for word in code.unrolled())) for name in ADDRESSES}
+    return data.StructLayout(addresses | dict.fromkeys(CONTROLS, 1))
 
 
 class _WordLayout(data.StructLayout):
@@ -67,12 +65,9 @@ class Sequencer(Block):
         # multiplexer, and the counter starts from 0, the power-on value of an FPGA's flip-flops.
         words, again = self.spec.words, self.spec.again_word
         varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
-        widths = {name: max(word[name] for word in words).bit_length() for name in varying}
-        fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
-        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in varying} | {
-            "turns": 0,
-            "once": 1,
-        }
+        fields = {name: range(1 + max(word[name] for word in words)) for name in varying}
+        fields |= {"turns": 1, "once": 1}
+        idle = dict.fromkeys(varying, 0) | {"turns": 0, "once": 1}
         before = self.spec.idle_words
         # A repeat count is stored less one. It marks the last slot but one, so the word's end is a register.
         init = [idle] * before + [
@@ -90,11 +85,7 @@ class Sequencer(Block):
         fetch = self.fetch = program.read_port()
 
         def field(name: str):
-            return (
-                fetch.data[name]
-                if name in varying
-                else Const(words[0][name], max(1, words[0][name].bit_length()))
-            )
+            return fetch.data[name] if name in varying else Const(words[0][name])
 
         if self.spec.plan.config.hardware.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())

@@ -127,7 +127,7 @@ class FrontEnd(wiring.Component):
             m,
             self,
             passing=Cat(part.holds for part in parts if part is not None).any(),
-            moving=self.averager.o.valid,  # the normaliser takes a beat as its own leaves
+            moving=self.averager.o.valid,  # the normaliser takes a beat in the cycle in which one leaves it
         )
         forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
         forward(m, self, self.detector, "i", "mask", "status")

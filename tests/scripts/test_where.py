@@ -7,14 +7,13 @@ from scripts import ROOT, where
 from tests.support.table import each_row
 
 BLOCKS = {
-    "frontend/onset_detector": "preprocess",
-    "frontend/pretrigger_ring": "preprocess",
-    "engine/engine": "cells",
-    "decision/classifier": "pipeline",
-    "host/uart_link": "",
+    "frontend/onset_detector": "golden/model/preprocess.py",
+    "frontend/pretrigger_ring": "golden/model/preprocess.py",
+    "engine/engine": "golden/model/cells.py",
+    "decision/classifier": "golden/model/pipeline.py",
+    "host/uart_link": "eskin/live/link.py",
 }
-"""Blocks with a proof, and the file of golden/model that says the same; the link's model is its host, in
-eskin/live/."""
+"""Blocks with a proof, and the file that says the same."""
 
 
 def paths_of(name: str) -> set[str]:
@@ -30,10 +29,8 @@ def paths_of(name: str) -> set[str]:
 @each_row("block", BLOCKS)
 def test_a_block_leads_to_its_test_proof_and_model(block):
     folder, name = block.split("/")
-    model = f"golden/model/{BLOCKS[block]}.py" if BLOCKS[block] else "eskin/live/link.py"
-    assert {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", model} <= paths_of(
-        name
-    )
+    paths = {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", BLOCKS[block]}
+    assert paths <= paths_of(name)
 
 
 def test_an_unknown_name_gives_the_nearest_and_status_two():

@@ -194,7 +194,7 @@ def damage_text(text: str, rng: random.Random) -> str:
     return text
 
 
-TYPES = ("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4", "M8[s]", "m8[ns]", "V8", "i4,f8")
+TYPES = "f8 f2 c16 i1 u8 i8 ? U8 S4 M8[s] m8[ns] V8 i4,f8".split()
 SHAPES = ((), (0,), (0, 4), (3, 0), (5,), (2, 2, 2))
 ENDS = (math.nan, math.inf, -1e300, 1e-320, -1, 2**31, 2**63 - 1, -(2**63))
 

@@ -15,10 +15,8 @@ class Small:
     recurrent, accumulator_bits, index_bits = True, 14, 5
     sigmoid_shift, tanh_shift, value_shift, logit_shift = 7, 6, 5, 8
     logit_proven = False
-    index_format, formats = (
-        QFormat(5, 0),
-        SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(3, 1)),
-    )
+    index_format = QFormat(5, 0)
+    formats = SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(3, 1))
 
 
 def expected(config, total: int) -> tuple[int, int, int, int]:
@@ -36,10 +34,8 @@ def expected(config, total: int) -> tuple[int, int, int, int]:
 
 def test_a_proven_logit_has_no_saturator_and_needs_none():
     class Proven(Small):
-        formats, logit_proven = (
-            SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(5, 1)),
-            True,
-        )  # every total of 14 bits, 8 of them dropped
+        formats = SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(5, 1))
+        logit_proven = True  # every total of 14 bits, 8 of them dropped
 
     dut = RowNarrowing(Proven)
 
@@ -67,20 +63,26 @@ def test_the_chain_hands_every_bit_of_a_total_on():
 
 
 def test_every_total_of_a_small_format():
-    dut, ends = RowNarrowing(Small), [set(), set(), set(), set()]
-    top = 1 << Small.accumulator_bits - 1
+    """And of accumulators narrower than an index with the bits dropped below it."""
+    ends = [set(), set(), set(), set()]
+    for bits in (10, 14):
 
-    async def bench(ctx):
-        for total in range(-top, top):
-            put(ctx, dut, total=total, tanh=0)
-            sigmoid = ctx.get(dut.index)
-            ctx.set(dut.tanh, 1)
-            got = (sigmoid, ctx.get(dut.index), ctx.get(dut.value), ctx.get(dut.logit))
-            assert got == expected(Small, total), total
-            for seen, code in zip(ends, got, strict=True):
-                seen.add(code)
+        class Narrow(Small):
+            accumulator_bits = bits
 
-    simulate(dut, bench)
+        dut = RowNarrowing(Narrow)
+
+        async def bench(ctx, dut=dut, bits=bits):
+            for total in range(-1 << bits - 1, 1 << bits - 1):
+                put(ctx, dut, total=total, tanh=0)
+                sigmoid = ctx.get(dut.index)
+                ctx.set(dut.tanh, 1)
+                got = (sigmoid, ctx.get(dut.index), ctx.get(dut.value), ctx.get(dut.logit))
+                assert got == expected(Small, total)
+                for seen, code in zip(ends, got, strict=True):
+                    seen.add(code)
+
+        simulate(dut, bench)
     formats = (Small.index_format, Small.index_format, Small.formats.state_format, Small.formats.logit_format)
     for seen, fmt in zip(ends, formats, strict=True):
         assert {-(1 << fmt.width - 1), (1 << fmt.width - 1) - 1} <= seen, "an end was never reached"
