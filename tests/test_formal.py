@@ -7,7 +7,7 @@ from formal.proof import Proof
 
 GATE = {
     f"{proof.title} None": (proof.title, None)
-    for proof in run.proofs(["clock_gate", "stimulator_frames", "frame_guard"])
+    for proof in run.proofs(["clock_gate", "stimulator_frames", "frame_guard", "pretrigger_ring"])
 }
 """Proofs that take up to a minute and see mutants that no test sees."""
 JOBS = run.jobs_of(run.proofs(quick=True)) | GATE

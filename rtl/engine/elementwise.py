@@ -81,11 +81,8 @@ class ElementwiseUnit(wiring.Component):
             a=self.x ^ difference,
             load=Cat(Const(half, config.formats.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed(),
         )
-        shifted = Signal(signed(config.elementwise_bits - config.formats.gate_frac))
-        m.d.comb += [
-            shifted.eq(self.acc >> config.formats.gate_frac),
-            self.code.eq(saturate(shifted, config.formats.feature_format)),
-        ]
+        shifted = self.acc >> config.formats.gate_frac
+        m.d.comb += self.code.eq(saturate(shifted, config.formats.feature_format))
         state = saturate(shifted, config.formats.state_format)
         states = [op for op in self._plan.program.elements if op.state and op.state != "x"]
         fits = (

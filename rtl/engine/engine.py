@@ -312,11 +312,9 @@ class Engine(wiring.Component):
 
     def _lengths(self, m):
         """Offset to a scale's address: the index of the window's length, or the place of its check word."""
-        config, lengths = (
-            self._config,
-            self.queue.length,
-        )  # scales of length 0 stand at multiples of a power of two
-        if not config.hardware.checksum or config.sets == len(config.window_lengths) == 1:
+        # scales of length 0 stand at multiples of a power of two
+        config, lengths = self._config, self.queue.length
+        if not config.hardware.checksum:
             return lengths
         # a check word for each step of a touch
         check: Value = Signal(range(config.sets), name="step")

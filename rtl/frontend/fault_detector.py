@@ -77,7 +77,7 @@ class FaultDetector(Block):
         at_end = (sample == 0) | sample.all()  # of the range: such a change counts as a rise of 0
         rises = complement[-1] | at_end
         negative = complement ^ (~complement[-1]).replicate(bits)  # its highest bit is set
-        magnitude = negative | at_end.replicate(bits - 1)
+        magnitude = negative | at_end.replicate(bits)
         extended = Cat(magnitude, Const(1, 1).replicate(width))
         low, high = extended[:width], extended[width:]
         left = Signal(width + 1)  # its carry shows that it is not below 0

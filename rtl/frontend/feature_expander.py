@@ -201,7 +201,7 @@ class FeatureExpander(Block):
             taxel_next = wrapping_increment(taxel, config.sensor.taxels)
             m.d.sync += written.eq(step & (slot == 0))
             m.d.comb += [
-                read.addr.eq(Mux(gap, taxel, taxel_next)),
+                read.addr.eq(Mux(gap, 0, taxel_next)),
                 read.en.eq(taken | gap),
                 *(present_state[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
@@ -236,7 +236,7 @@ class FeatureExpander(Block):
         marks = [name for name, _ in window_layout(config) if name != "complement"]
         beat = Signal(beat_layout(config))
         m.d.comb += [beat.block_last.eq(block_last), *(beat[name].eq(self.i.p[name]) for name in marks)]
-        made_now, slots = Const(0, 1), Const(0, len(slot))
+        made_now, slots = Const(0), Const(0, len(slot))
         for kind in kinds:
             made_now |= (slot == slot_of[kind]) & comes(kind, beat)
             slots = Mux(comes(kind, beat), slot_of[kind], slots)

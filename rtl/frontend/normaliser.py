@@ -168,7 +168,7 @@ class Normaliser(wiring.Component):
             with m.Switch(pick):
                 for number, shift in enumerate(config.features.feature_shift):
                     q, k = divmod(number, config.kinds)
-                    with m.Case(q << (len(kind) if config.kinds > 1 else 0) | k):
+                    with m.Case(q << ceil_log2(config.kinds) | k):
                         m.d.comb += target.eq(~difference >> shift + frac - low + start)
         m.d.comb += [
             negative.eq(~difference[-1] & ~masked),

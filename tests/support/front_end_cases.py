@@ -15,7 +15,7 @@ BAND = dict(onset="band", band_low=REST - 100, band_high=REST + 100)
 TOUCH = dict(
     window_mode="touch", pretrigger_frames=4, touch_frames=40, hop=7, window=15, steps=5, rearm_frames=13
 )
-FREE = dict(window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, rearm_frames=9)
+FREE = dict(window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, rearm_frames=13)
 FAULTS = dict(fault_frames=8, fault_activity=25)
 TRACKED = dict(
     rest="tracked",
@@ -46,7 +46,7 @@ CASES: dict[str, AcceleratorConfig] = {
         "synthetic": TRACKED | TOUCH | dict(taxels=5, rest_frames=6),
         "pvdf": TRACKED | FREE | dict(taxels=8, clip=60),
         "pvdf 64": TRACKED | FREE | dict(rest_frames=64, clip=60, onset_mean_frames=32, onset_threshold=9),
-        "two taxels": TRACKED | FREE | dict(taxels=2, clip=60),
+        "two taxels": TRACKED | FREE | dict(taxels=2, clip=60, rearm_frames=9),
         "one block": TRACKED | FREE | dict(taxels=3, onset_mean_frames=4, rest_frames=1, steps=5),
         "every frame": TRACKED
         | FREE

@@ -109,6 +109,13 @@ def test_every_kind_of_every_deviation(name):
         assert values(out) == expected_beats(config, seen)
 
 
+def test_the_first_hop_of_all_begins_with_its_first_deviation():
+    config = config_of("band initial", ("lowest",), "sum", rest="none", rest_frames=0, clip=0)
+    seen = detect(config, make_stream(config, 30, seed=1, touches=[3]))
+    out, _ = play(FeatureExpander(config), window_beats(config, seen))
+    assert values(out) == expected_beats(config, seen)
+
+
 @each_row("subset", SUBSETS)
 def test_documented_pace_and_latency(subset):
     """A deviation takes the slots up to the slot of the last kind that comes, the beat of a kind is there in the

@@ -107,6 +107,15 @@ def test_a_band_and_a_threshold_must_be_exceeded(name, begin, frames, sign, exce
     assert len(flags["started"]) == excess
 
 
+def test_every_touch_that_is_followed_may_be_the_longest():
+    windows = dict(window_mode="whole", store_per_window=2, touch_frames=16, hop=2, window=4, steps=2)
+    config = CASES["thesis"].replace(pretrigger_frames=0, decision="last", **windows)
+    stream = np.full((90, 4), REST)
+    stream[[*range(5, 30), *range(38, 41), *range(55, 80)]] += 200  # too early for another touch in between
+    high = np.array(run(config, sample_beats(stream))[2]["touch"])
+    assert [len(part) for part in np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)] == [16 * 4] * 2
+
+
 @each_row("toward", [0, 1])
 def test_every_level_between_two_codes(toward):
     """It settles, and shows where it is by the frame in which it has come half of the way to a code."""

@@ -12,19 +12,24 @@ from tests.support.strategies import examples
 from tests.support.stream_bench import SIDES, play, values
 
 
-def frame_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.ndarray) -> list[dict]:
+def frame_beats(
+    config: AcceleratorConfig, deviations: np.ndarray, loud: np.ndarray, masked: list[int]
+) -> list[dict]:
     """Beats of a whole touch."""
     frames, taxels = deviations.shape
     ends = {"end": True, "longest": frames == config.last_frame}
     return [
         {"complement": ~int(value), "touch": 1, "loud": int(loud[t] and taxel == taxels - 1)}
         | {name: int(high and (t, taxel) == (frames - 1, taxels - 1)) for name, high in ends.items()}
+        | {"masked": masked[taxel]}
         for t in range(frames)
         for taxel, value in enumerate(deviations[t])
     ]
 
 
-def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.ndarray) -> list[dict]:
+def window_beats(
+    config: AcceleratorConfig, deviations: np.ndarray, loud: np.ndarray, masked: list[int]
+) -> list[dict]:
     """What leaves for it."""
     frames = len(deviations)
     spans, lengths, doublings = divided(
@@ -35,6 +40,7 @@ def window_beats(config: AcceleratorConfig, deviations: np.ndarray, loud: np.nda
         {"complement": ~int(value), "taxel": place // config.kinds, "length": int(lengths[k])}
         | ({"kind": place % config.kinds} if config.kinds > 1 else {})
         | {"final": int(k == config.windows.steps - 1), "partial": int(frames == config.last_frame)}
+        | {"masked": masked[place // config.kinds]}
         for k in range(complete)
         for place, value in enumerate(sums[k])
     ]
@@ -56,7 +62,7 @@ def test_any_touches(taxels, hop, steps, store, kinds, knee, stalls, seed):
     store += steps * store % 2  # sums are added in pairs
     whole = dict(window_mode="whole", pretrigger_frames=0, rearm_frames=5, decision="last")
     whole |= dict(hop=hop, window=2 * hop, steps=steps, touch_frames=13 * hop * steps)
-    whole |= dict(taxels=taxels, store_per_window=store, feature_kinds=kinds)
+    whole |= dict(taxels=taxels, store_per_window=store, feature_kinds=kinds, fault_frames=8)
     # with knee 0 a companded integral is wider than any sum that is stored
     whole |= dict(integral_knee=knee, integral_frac=12 - knee // 2, clip=0 if knee else 7)
     config = AcceleratorConfig.of(**(BASE | BAND | whole))
@@ -66,9 +72,9 @@ def test_any_touches(taxels, hop, steps, store, kinds, knee, stalls, seed):
         deviations = rng.choice(
             [-bound, bound, 0, 3][: 1 if frames == config.last_frame else 4], (frames, taxels)
         )
-        loud = rng.random(frames) < rng.choice([0.0, 0.3])
-        given_beats += frame_beats(config, deviations, loud)
-        expected += window_beats(config, deviations, loud)
+        touch = (deviations, rng.random(frames) < rng.choice([0.0, 0.3]), rng.integers(0, 2, taxels).tolist())
+        given_beats += frame_beats(config, *touch)
+        expected += window_beats(config, *touch)
     out, cycles = play(TouchDivider(config), given_beats, stalls=stalls, seed=seed, quiet=500)
     assert values(out) == expected
     assert stalls[0] or taxels < 3 or cycles[2] == cycles[0] + 2, "a beat a cycle"

@@ -56,7 +56,7 @@ def tracked(**changes) -> AcceleratorConfig:
         "window": 20,
         "rest_frames": 8,
         "clip": 60,
-        "onset_mean_frames": 8,
+        "onset_mean_frames": 16,
         "onset_check_frames": 4,
         "onset_threshold": 12,
         "rearm_frames": 12,
