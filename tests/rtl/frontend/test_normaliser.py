@@ -69,7 +69,7 @@ def loader(port, words):
         ("fabric", (3,), True, (0.3, 0.0), False),
         ("fabric", (3,), False, (0.0, 0.5), True),
         ("three end together", (-2, 1, 0), True, (0.0, 0.0), False),
-        ("fabric", (-3,), False, (0.3, 0.5), False),
+        ("fabric", (-3,), False, (0.3, 0.5), True),
     ],
     ids=[
         "full rate",

@@ -111,9 +111,11 @@ def test_every_touch_that_is_followed_may_be_the_longest():
     windows = dict(window_mode="whole", store_per_window=2, touch_frames=16, hop=2, window=4, steps=2)
     config = CASES["thesis"].replace(pretrigger_frames=0, decision="last", **windows)
     stream = np.full((90, 4), REST)
-    stream[[*range(5, 30), *range(38, 41), *range(55, 80)]] += 200  # too early for another touch in between
-    high = np.array(run(config, sample_beats(stream))[2]["touch"])
-    assert [len(part) for part in np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)] == [16 * 4] * 2
+    stream[[*range(5, 30), *range(38, 41), *range(54, 80)]] += 200  # too early for another touch in between
+    flags = run(config, sample_beats(stream))[2]
+    (pause,) = np.flatnonzero(np.diff(flags["touch"]) > 1) + 1
+    assert [pause, len(flags["touch"])] == [16 * 4, 32 * 4]
+    assert np.diff(flags["started"]).tolist() == [(54 - 5) * 4]
 
 
 @each_row("toward", [0, 1])
