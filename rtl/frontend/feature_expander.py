@@ -114,7 +114,7 @@ class FeatureExpander(Block):
 
         # --- what follows from the frame: the first of all (of the recording, or of the touch)
         first = Signal(init=1)
-        ends = self.i.p.end if config.windows.window_mode == "touch" else Const(0, 1)
+        ends = self.i.p.end if config.windows.window_mode == "touch" else Const(0)
         if config.follows_touch:
             ends = ~self.i.p.touch | self.i.p.end
         with m.If(frame_taken):

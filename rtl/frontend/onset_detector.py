@@ -115,7 +115,7 @@ class OnsetDetector(Block):
         sample = self.i.p.sample + Const(0, signed(config.sensor.sample_bits + 1))
         # of the sample held
         complement = Signal(signed(config.sensor.sample_bits + 1), reset_less=True)
-        hit = Const(0, 1)
+        hit = Const(0)
         with m.If(advance & good):
             m.d.sync += complement.eq(~sample)
         if config.faults.fault_frames:
@@ -220,7 +220,7 @@ class OnsetDetector(Block):
         frame_left = leave & now.last
         any_hit = Signal()
         judged = Const(1, 1)
-        waiting = Const(0, 1)
+        waiting = Const(0)
         if config.onset_rule.onset == "baseline":
             m.submodules.sums = sums = self.sums = MovingSums(config, complement.shape())
             over, decided = sums.over, sums.decided

@@ -109,7 +109,7 @@ class PreTriggerRing(Block):
         # the memory's output register is the output, or with one port what passes it by
         word_in = Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))
         word_out, shown, offered, written = read.data, fetched, fetched, self.i.valid & self.i.ready
-        room = Const(0, 1)
+        room = Const(0)
         if config.hardware.one_port:
             # The touch has caught up: what the reader takes at once is never written. Such a beat is offered
             # only where it is taken, so what waits is always the memory's output.

@@ -75,7 +75,7 @@ class RestLevel(wiring.Component):
         baseline = read.data[self.level_frac - 4 :][: bits + 4]
         # ~(sample - ((baseline + 8) >> 4)) = ~sample + (baseline >> 4) + bit 3 of baseline, as one adder
         deviation = (
-            Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
+            Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0)).as_signed()
         )
         drive(m, read, addr=self.coming_index, en=self.advance)
         m.d.comb += self.deviation.eq(deviation[1:])

@@ -107,8 +107,8 @@ class TouchDivider(Block):
         # --- the beat that comes: its word in the hop under way
         several = len(summed) > 1
         index = Signal(range(words))
-        second_kind = index[0] if several else Const(0, 1)
-        lone = ~self.i.p.block_last & ~second_kind if several else Const(0, 1)  # a taxel's only word
+        second_kind = index[0] if several else Const(0)
+        lone = ~self.i.p.block_last & ~second_kind if several else Const(0)  # a taxel's only word
         skips = Mux(lone, 2, 1) if several else 1
         at_last = self.frame_last
         following = Mux(at_last, 0, index + skips)
@@ -188,7 +188,7 @@ class TouchDivider(Block):
         fills = self.fills = Signal()
         marked = Mux(frame_ends & self.i.p.loud, count + 1, mark)
         counted = count + (frame_ends & hop_last)
-        now_marked, now_counted = Signal.like(mark, init=0), Signal.like(count)
+        now_marked, now_counted = Signal.like(mark), Signal.like(count)
         now_mask = Mux(fills, Cat(1, mask), mask)
         m.d.comb += [
             fills.eq(counted == sums),
@@ -245,11 +245,11 @@ class TouchDivider(Block):
         )
         if len(kinds) > 1:
             m.d.comb += self.o.p.kind.eq(kind)
-        is_integral = kind == kinds.index("integral") if "integral" in kinds else Const(0, 1)
+        is_integral = kind == kinds.index("integral") if "integral" in kinds else Const(0)
         of_touch = is_integral  # since its first frame
         for name in extremes:
             of_touch |= kind == kinds.index(name)
-        is_activity = kind == kinds.index("activity") if "activity" in kinds else Const(0, 1)
+        is_activity = kind == kinds.index("activity") if "activity" in kinds else Const(0)
         with m.If(reads & ~second):
             m.d.sync += address.eq(address + words)
         with m.Switch(doing):

@@ -48,7 +48,7 @@ class TouchState(Block):
         needed = -(-config.onset_rule.rearm_frames // judged_every)
         follows = config.follows_touch
         quiet_counts = ~armed if follows else ~armed & ~touch
-        rearming = Const(0, 1) if config.opens_at_once else self.judged & quiet_counts
+        rearming = Const(0) if config.opens_at_once else self.judged & quiet_counts
         rearmed = Signal()
         if config.windows.window_mode == "touch":
             # While armed: frames before this one in the touch that an onset now would open. In a touch: its

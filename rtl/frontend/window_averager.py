@@ -153,7 +153,7 @@ class WindowAverager(Block):
                 m.d.sync += begins[name].eq(begins_next[name])
         # the next operation takes nothing from the memory: a hop's first, or a kind that no hop adds to
         alone = Signal(init=1)
-        alone_next = Const(0, 1)
+        alone_next = Const(0)
         for number, name in enumerate(kinds):
             newest_next = (operation_next == Operation.NEWEST) & (passes_next == 0) & begins_next[name]
             joined_next = (operation_next != Operation.NEWEST) & (name not in SUMMED)

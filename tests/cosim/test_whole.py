@@ -34,6 +34,7 @@ DESIGNS = {
     "all kinds, changes": {
         "feature_kinds": FEATURE_KINDS,
         "activity_rule": "change",
+        "activity_block": 3,
         "steps": 5,
         "store_per_window": 2,
         "feature_scale": "taxel",
