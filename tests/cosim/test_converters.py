@@ -14,7 +14,6 @@ from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
 from eskin.golden.core.converters.mpr121 import Mpr121
-from eskin.golden.core.converters.spi import SpiByName
 from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
@@ -158,18 +157,6 @@ def test_an_mpr121_sleeps_between_samples_and_has_new_data_for_each_frame(
     result = cosimulate(random_integer_model(config, 5), recordings.subset([0]), Simulation(), work=tmp_path)
     assert result.bit_exact and (result.conversion.violations > 0) == bool(limits)
     assert result.passed == (not limits)
-
-
-@pytest.mark.slow
-def test_an_ads7953_that_sleeps_is_exact_at_half_a_period_of_one_cycle(tmp_path, monkeypatch):
-    """71 ns a cycle, of which its answer takes 38. tests/rtl/interface/test_spi_converter.py has the plan in every test run."""
-    awake = SpiByName.plan
-    monkeypatch.setattr(SpiByName, "plan", lambda *which: awake(*which).sleeping)
-    config = CONFIG.replace(converter="ads7953", sample_rate_hz=14e6 / 1500, clock_hz=14e6)
-    assert config.interface.converter.plan(config).half == 1
-    made = random_recordings(config, (120,), seed=4)
-    result = cosimulate(random_integer_model(config, 5), made, Simulation(), work=tmp_path)
-    assert result.passed and result.conversion.violations == 0
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))

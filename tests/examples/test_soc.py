@@ -7,8 +7,6 @@ import sys
 import pytest
 
 from scripts import ROOT
-from tests.support.random_models import random_integer_model
-from tests.support.touch_scenes import SMALL, archived, scene
 
 WORDS = [1 | 3 << 7 | 749 << 15, 2 | 19 << 7 | 16383 << 15 | 1 << 29 | 1 << 31]
 LINES = [
@@ -62,14 +60,6 @@ def decided(output):
     counts = re.findall(r"(\w+): (\d+) decisions compared, (\d+) differ", output)
     assert all(int(compared) > 0 and differ == "0" for _, compared, differ in counts)
     return [name for name, *_ in counts]
-
-
-@pytest.mark.slow
-def test_a_small_model_reads_a_converter(tmp_path):
-    archived(scene(3), tmp_path)
-    random_integer_model(SMALL.replace(cell="linear"), 1).save(tmp_path / "model")
-    places = f"MODEL={tmp_path}/model", f"DATA={tmp_path}/data.npz", f"OUT={tmp_path}/out"
-    assert decided(made("converter", *places, "RECORDINGS=2")) == ["converter"]
 
 
 @pytest.mark.slow

@@ -7,12 +7,9 @@ import re
 import pytest
 import typer
 
-from eskin.choose.networks import network
 from eskin.golden.core import PRESETS
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
-from eskin.rtl.top.accelerator import Accelerator
 from scripts import tables
-from tests.support.random_models import random_integer_model
 from tests.support.result_case import FROZEN, make_result
 from tests.support.table import each_row
 
@@ -83,21 +80,3 @@ def test_results_of_this_code_alone_fill_the_tables_of_every_page(tmp_path):
         "| few | dense | 1 | 77.0 % | 95.3 % |" in lines
         and "| few | 82.3 % | seq | GRU 12 | True | 10920 |" in lines
     )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "scene, cell, lanes, cells",
-    [
-        ("thesis", "gru", 1, (578, 245, 29, 0)),
-        ("thesis", "gru", 4, (722, 401, 28, 0)),
-        ("pvdf", "linear", 4, (836, 620, 10, 4)),
-    ],
-)
-def test_three_of_the_twelve_designs_get_no_larger(scene, cell, lanes, cells):
-    """Cells before placement."""
-    front = network(PRESETS[scene].replace(feature_shift=()), cell, 12 if cell == "gru" else None)
-    design = Accelerator(random_integer_model(front.with_lanes(lanes, "dsp"), 1).config)
-    counts = tables.cells_of(design, hidden=("probe", "bus__r_"))  # nobody reads
-    for kind, most in zip(("lut", "ff", "bram", "spram"), cells, strict=True):
-        assert counts[kind] <= most, kind
