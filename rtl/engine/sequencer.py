@@ -1,6 +1,7 @@
 """Runs the engine's microcode: the order of docs/specification.md, section 5, slot by slot."""
 
 from functools import cached_property
+from typing import Any
 
 from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data
@@ -65,7 +66,7 @@ class Sequencer(Block):
         # multiplexer, and the counter starts from 0, the power-on value of an FPGA's flip-flops.
         words, again = self.spec.words, self.spec.again_word
         varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
-        fields = {name: range(1 + max(word[name] for word in words)) for name in varying}
+        fields: dict[str, Any] = {name: range(1 + max(word[name] for word in words)) for name in varying}
         fields |= {"turns": 1, "once": 1}
         idle = dict.fromkeys(varying, 0) | {"turns": 0, "once": 1}
         before = self.spec.idle_words
