@@ -35,8 +35,8 @@ class Ring(wiring.Component):
 RINGS = (
     "thesis 6 taxels",
     "short first window",
-    "no pretrigger",
     "immediate touch, faults",
+    "no pretrigger",
     "two end together, faults",
     "synthetic faults",
 )
