@@ -137,13 +137,14 @@ class Bench:
     seed:
         Of all stalls of this bench.
     max_cycles:
-        The simulation fails after so many.
+        The simulation fails after so many; 0: after 200 000, or 20 000 in which nothing moves.
     quiet:
         Cycles without a transfer, after the last driver is done, that end it.
     """
 
-    def __init__(self, dut, *, seed: int = 0, max_cycles: int = 200_000, quiet: int = 80) -> None:
-        self.dut, self.max_cycles, self.quiet = dut, max_cycles, quiet
+    def __init__(self, dut, *, seed: int = 0, max_cycles: int = 0, quiet: int = 80) -> None:
+        self.dut, self.max_cycles, self.quiet = dut, max_cycles or 200_000, quiet
+        self.patience = max_cycles or 20_000
         self.cycle = 0
         self._moved = 0
         self._busy = 0
@@ -253,7 +254,7 @@ class Bench:
             while self._busy or self.cycle - self._moved < self.quiet:
                 await anext(ticks)
                 self.cycle += 1
-                assert self.cycle < min(self.max_cycles, self._moved + 20_000), (
+                assert self.cycle < min(self.max_cycles, self._moved + self.patience), (
                     f"timeout: {self._busy} drivers still busy after {self.cycle} cycles"
                 )
 
