@@ -305,6 +305,7 @@ def _tested(copy: Path, tests: list[str], limit: int) -> None:
     sys.stdout = sys.stderr = (copy.parent / "log.txt").open("w")
     for name in [name for name in sys.modules if name.partition(".")[0] in ("eskin", "scripts", "tests")]:
         del sys.modules[name]  # the copy's come in their place
+    sys.meta_path[:] = [finder for finder in sys.meta_path if getattr(finder, "__module__", "") != "eskin"]
     resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
     for test in tests:
         # a slow test runs where it is named itself; of a file that is named whole only the quick ones
@@ -380,7 +381,7 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
                 what="tests as they are, then mutants",
             )
     except ChildProcessError:
-        shutil.rmtree(out / "verdicts")
+        shutil.rmtree(out / "verdicts", ignore_errors=True)
         raise
     finally:
         shutil.rmtree(out / "copies", ignore_errors=True)
