@@ -7,7 +7,9 @@ from formal.proof import Proof
 
 GATE = {
     f"{proof.title} None": (proof.title, None)
-    for proof in run.proofs(["clock_gate", "stimulator_frames", "frame_guard", "pretrigger_ring"])
+    for proof in run.proofs(
+        ["clock_gate", "stimulator_frames", "frame_guard", "pretrigger_ring.one", "pretrigger_ring.two"]
+    )
 }
 """Proofs that take up to a minute and see mutants that no test sees."""
 JOBS = run.jobs_of(run.proofs(quick=True)) | GATE

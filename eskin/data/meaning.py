@@ -369,7 +369,7 @@ class _Meaning:
         found = {} if self.chosen else {_CONSTANT: constant, "is empty and was left out": empty}
         for why, columns in found.items():
             if columns:
-                more = f", as are {len(columns) - 1} more columns" * (len(columns) > 1)
+                more = f" (and {len(columns) - 1} more)" * (len(columns) > 1)
                 self.notes.append(f"{table.called(min(columns))} {why}{more}")
         if not taxels:
             table.refuse(

@@ -62,11 +62,7 @@ def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
             "column '.header.stamp.nsecs' is time, too,",
         ),
         ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
-        (
-            {"b": lambda r, k: "NaN", "c": lambda r, k: "-"},
-            {},
-            "'b' is empty and was left out, as are 1 more columns",
-        ),
+        ({"b": lambda r, k: "NaN", "c": lambda r, k: "-"}, {}, "'b' is empty and was left out (and 1 more)"),
         ({"": lambda r, k: FRAMES * r + k}, {}, "increases like a time or numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is the given one"),
     ],
@@ -87,7 +83,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
         table(force=lambda r, k: int(50 * np.sin(k / 3)), t3=lambda r, k: r % 2, dead=lambda r, k: 5),
     )
     assert wave.taxels == 6 and "columns force, t3, dead, t0, t1, t2 are the 6 taxels" in wave.notes[0]
-    constant = "column 't3' is constant in each recording and was taken as a taxel, as are 1 more columns"
+    constant = "column 't3' is constant in each recording and was taken as a taxel (and 1 more)"
     assert constant == wave.notes[1]
     named = read(tmp_path, table(tick=lambda r, k: k), Reading(rate_hz=100, columns=("tick", "t1")))
     assert named.samples[:3, 0].tolist() == [0, 1, 2]

@@ -137,7 +137,7 @@ def test_hundreds_of_empty_columns_are_one_note(tmp_path, head):
     made = texts(tmp_path, lambda n: "\n".join([head, *map(row, FLAT[n].tolist())]), AT)
     assert made.taxels == 6
     assert read_text(tmp_path / "a" / "r0.csv", AT).frame.shape == (40, 6)  # the empty ones are not parsed
-    assert any("is empty and was left out, as are 399 more columns" in note for note in made.notes)
+    assert any("is empty and was left out (and 399 more)" in note for note in made.notes)
     seen = []
     load_recordings(tmp_path, reading=AT, progress=lambda *now: seen.append(now))
     assert seen[-1] == ("files read", 3, 4)
