@@ -52,7 +52,6 @@ def _design(name: str, classes: int, hop: int, steps: int, block: int = 1) -> Ac
         window_mode="whole" if whole else "free",
         store_per_window=int(whole or 2),
         touch_frames=3 * hop * steps * int(whole or 2),
-        pretrigger_frames=0,
         hop=hop,
         window=2 * hop,
         steps=steps,

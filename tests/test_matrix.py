@@ -71,7 +71,6 @@ KINDS: dict[str, dict[str, Any]] = {
         "cell": "linear",
         "decision": "last",
         "window_mode": "whole",
-        "pretrigger_frames": 0,
         "store_per_window": 2,
         "touch_frames": 48,
     },

@@ -242,7 +242,7 @@ class Screen:
     def touches(self, config: AcceleratorConfig) -> FirstTouches:
         """First touches with the candidate's rest level and gate, long enough for windows of every
         candidate."""
-        network = config.network.replace(decision="vote", early_margin=0, early_steps=1)
+        network = config.network.replace(decision="vote")
         plain = dataclasses.replace(config, features=Features(), network=network)
         if config.follows_touch:  # every division of a touch needs the same frames
             plain = plain.replace(hop=1, window=2, steps=1, store_per_window=2, name="gate")
@@ -681,7 +681,7 @@ def whole(at: AcceleratorConfig, longest: int) -> list[AcceleratorConfig]:
     for steps, sums in WHOLE:
         # a touch ends after at least a hop of quiet frames
         hop = max(min(frames // (steps * sums * UNDOUBLED), at.onset_rule.rearm_frames), 1)
-        windows = dict(hop=hop, window=2 * hop, steps=steps, store_per_window=sums, pretrigger_frames=0)
+        windows = dict(hop=hop, window=2 * hop, steps=steps, store_per_window=sums)
         # a frame more, so that no touch of the recordings is cut
         length = dict(touch_frames=max(min(frames + 1, 65535), hop * steps), activity_block=1)
         found.append(valid(at, window_mode="whole", feature_kinds=("mean",), **windows, **length))

@@ -251,7 +251,7 @@ def fitted(
             raise InputError(f"{where}: has {name} {expected}, not {value}; use --{name} {expected}")
     try:
         config = with_network(
-            config.replace(gate_activation=network.gate_activation),
+            config.replace(cell=network.cell, gate_activation=network.gate_activation),
             cell=network.cell,
             reset=network.reset if network.cell == "gru" else None,
             hidden=network.hidden or None,

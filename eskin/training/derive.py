@@ -129,7 +129,6 @@ def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
         sample_bits=recordings.sample_bits,
         sample_signed=recordings.sample_signed,
         window_mode="free",
-        pretrigger_frames=0,
         # 16 cycles a taxel: enough for every kind of feature
         clock_hz=max(12e6, 16.0 * recordings.taxels * rate),
         onset_mean_frames=4 * check,

@@ -150,8 +150,8 @@ def with_prototypes(
 
 def by_last_step(model: IntegerModel) -> IntegerModel:
     """``model`` with decisions by its last step, whatever the margin, for evaluating the readout."""
-    rule: Record = {"decision": "last", "margin_threshold": 0, "early_margin": 0, "early_steps": 1}
-    return IntegerModel(model.config.replace(**rule), model.arrays, model.source)
+    config = model.config.replace(decision="last", margin_threshold=0)
+    return IntegerModel(config, model.arrays, model.source)
 
 
 def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, source: str) -> None:

@@ -10,7 +10,7 @@ SUMS, FRAMES, VALUE = 4, 8, 4
 """Of the store; of the longest touch, which doubles the hop twice; the deviation of one frame, else 0."""
 CONFIG = PRESETS["thesis"].replace(
     taxels=1, sample_bits=5, clip=VALUE, rest="initial", rest_frames=4, band_low=3, band_high=5,
-    window_mode="whole", pretrigger_frames=0, hop=1, window=2, steps=2, store_per_window=2, touch_frames=FRAMES,
+    window_mode="whole", hop=1, window=2, steps=2, store_per_window=2, touch_frames=FRAMES,
     decision="last", feature_shift=(),
 )  # fmt: skip
 LEAVES = 2 * (2 * 2 + 2 + 6) + SUMS + 4

@@ -47,7 +47,6 @@ LONG_WAY = CONFIG.replace(
     onset_check_frames=2,
     onset_threshold=3,
     window_mode="free",
-    pretrigger_frames=0,
     feature_kinds=("mean", "activity"),
     activity_block=2,
     feature_shift=(4, 4),

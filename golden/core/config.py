@@ -11,6 +11,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -976,8 +977,11 @@ class AcceleratorConfig:
     @classmethod
     def of(cls, **fields: Any) -> AcceleratorConfig:
         """A configuration with ``fields``, given by name without their groups; the others have their
-        defaults."""
-        return cls().replace(**fields)
+        defaults. As in a file, fields of other variants are dropped."""
+        own, of_group = _by_group(fields)
+        with _in_configuration(own.get("name", cls.name)):
+            groups: dict[str, Any] = {group: GROUPS[group].of(values) for group, values in of_group.items()}
+        return cls(**own, **groups)
 
     @classmethod
     def of_image(
@@ -994,9 +998,10 @@ class AcceleratorConfig:
         image = Image(height=height, width=width, layers=tuple(map(str, layers)))
         defaults = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)}
         network = {"cell": "image", "class_names": tuple(class_names)}
-        own, of_group = _by_group(_of_every_image(image) | defaults | fields | network)
-        groups: dict[str, Any] = {group: GROUPS[group](**values) for group, values in of_group.items()}
-        return cls(**own, image=image, **groups)
+        values = _of_every_image(image) | defaults | fields | network
+        return cls.of(
+            **values | {field.name: getattr(image, field.name) for field in dataclasses.fields(image)}
+        )
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
         """A copy with other lanes. None keeps the current value."""
@@ -1010,11 +1015,8 @@ class AcceleratorConfig:
     def replace(self, **changes: Any) -> AcceleratorConfig:
         """A copy with ``changes`` (fields by name without their groups), checked again."""
         own, of_group = _by_group(changes)
-        try:
+        with _in_configuration(own.get("name", self.name)):
             groups = {group: getattr(self, group).replace(**fields) for group, fields in of_group.items()}
-        except InputError as error:  # a group does not know the configuration's name: put it in
-            name = own.get("name", self.name)
-            raise InputError(str(error).replace("configuration,", f"configuration '{name}',", 1)) from None
         return dataclasses.replace(self, **own, **groups)
 
     def value(self, field: str) -> Any:
@@ -1058,7 +1060,7 @@ class AcceleratorConfig:
                     f"{source}, group {key}: unknown field {unknown[0]}; known fields are {fields}"
                 )
         try:
-            return cls(**values | {key: GROUPS[key](**value) for key, value in parts.items()})
+            return cls(**values | {key: GROUPS[key].of(value) for key, value in parts.items()})
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
 
@@ -1083,6 +1085,15 @@ class AcceleratorConfig:
         except (ValueError, RecursionError) as error:
             raise InputError(f"configuration '{path}': is not JSON ({error})") from None
         return cls.from_dict(values, str(path))
+
+
+@contextmanager
+def _in_configuration(name: str) -> Iterator[None]:
+    """Puts the configuration's name, which a group does not know, into a group's error."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(str(error).replace("configuration,", f"configuration '{name}',", 1)) from None
 
 
 def _by_group(fields: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
@@ -1152,7 +1163,6 @@ PRESETS: dict[str, AcceleratorConfig] = {
         onset="baseline",
         onset_threshold=12,
         window_mode="free",
-        pretrigger_frames=0,
         hop=96,
         window=192,
         steps=20,
@@ -1170,7 +1180,6 @@ PRESETS: dict[str, AcceleratorConfig] = {
         onset="immediate",
         decision="last",
         window_mode="free",
-        pretrigger_frames=0,
         hop=6,
         window=12,
         steps=20,

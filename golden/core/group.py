@@ -5,7 +5,9 @@ The annotations hold types, ranges and permitted words; pydantic checks them.
 
 import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Annotated, Any, ClassVar, Self, get_args, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
@@ -21,15 +23,25 @@ Refusal = tuple[str, str]
 """(field, reason) of a mistake in a configuration."""
 
 
+@dataclass(frozen=True)
+class Only:
+    """Mark of a field that some variants of its group have: those whose ``field`` is one of ``words``. In the other
+    variants it is ``absent``; None: its default."""
+
+    field: str
+    words: tuple[str | bool, ...]
+    absent: int | None = None
+
+
 class Group:
-    """Fields that belong together. On construction every field is checked against its annotation, then
-    `refusals` checks the fields against each other."""
+    """Fields that belong together. On construction every field is checked against its annotation and against the
+    group's variant (`Only`), then `refusals` checks the fields against each other."""
 
     prefix: ClassVar[str] = ""
     """Text before a field's name in an error."""
 
     def __post_init__(self) -> None:
-        for field, why in self._misfits() or self.refusals():
+        for field, why in self._misfits() or chain(self._strangers(), self.refusals()):
             raise InputError(f"configuration, field {self.prefix}{field}: {why}")
 
     def _misfits(self) -> list[Refusal]:
@@ -45,13 +57,46 @@ class Group:
                 return [(name, f"is {shown}; {_in_words(error, type(self), name)}")]
         return []
 
+    def _strangers(self) -> Iterator[Refusal]:
+        """Fields that have a value and belong to another variant. The fields without a value become absent."""
+        for name, mark in _marks(type(self)).items():  # type: ignore[arg-type]
+            value, default, word = getattr(self, name), getattr(type(self), name), getattr(self, mark.field)
+            absent = default if mark.absent is None else mark.absent
+            if word in mark.words:
+                continue
+            if value not in (default, absent):
+                words = " or ".join(map(repr, mark.words))
+                why = f"is {value!r}; it belongs to {mark.field} {words}, and {mark.field} is {word!r}: leave it out"
+                yield name, why
+            object.__setattr__(self, name, absent)
+
     def refusals(self) -> Iterator[Refusal]:
         """Fields of this group that do not fit each other."""
         yield from ()
 
     def replace(self, **changes: Any) -> Self:
-        """A copy with ``changes``, checked again."""
-        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+        """A copy with ``changes``, checked again. A field that only one of the two variants has gets its default."""
+        fields = _of_variant(type(self), vars(self), vars(self))
+        return type(self)(**_of_variant(type(self), fields, vars(self) | changes) | changes)
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Self:
+        """The group in ``values``, of which fields of other variants are dropped: files name every field."""
+        return cls(**_of_variant(cls, values, vars(cls) | values))
+
+
+def _of_variant(group: type[Group], fields: dict[str, Any], variant: dict[str, Any]) -> dict[str, Any]:
+    """The fields that the variant with the values ``variant`` has."""
+    marks = _marks(group)  # type: ignore[arg-type]
+    strange = {name for name, mark in marks.items() if variant[mark.field] not in mark.words}
+    return {name: value for name, value in fields.items() if name not in strange}
+
+
+@lru_cache
+def _marks(group: type[Group]) -> dict[str, Only]:
+    """Marks of the fields that not every variant has, by the fields' names."""
+    hints = get_type_hints(group, include_extras=True)
+    return {name: mark for name, hint in hints.items() for mark in get_args(hint) if isinstance(mark, Only)}
 
 
 @lru_cache

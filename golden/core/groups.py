@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, InstanceOf, StrictBool, St
 
 from eskin.golden.core.converters import Converter, NoConverter, converter_of
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.group import Code, Group, Real, Refusal
+from eskin.golden.core.group import Code, Group, Only, Real, Refusal
 from eskin.golden.core.images import Stage, layer_stages, parse_layer
 
 Rest = Literal["none", "tracked", "initial"]
@@ -136,16 +136,18 @@ class RestLevel(Group):
     """
 
     rest: Rest = "none"
-    rest_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
+    rest_frames: Annotated[StrictInt, Interval(ge=0, le=4096), Only("rest", ("tracked", "initial"))] = 0
     clip: Code = 0
 
     def refusals(self) -> Iterator[Refusal]:
-        if (self.rest == "none") != (self.rest_frames == 0):
-            yield (
-                "rest_frames",
-                f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at "
-                "least 1",
-            )
+        if self.rest != "none" and not self.rest_frames:
+            yield "rest_frames", f"is 0 with rest '{self.rest}'; give at least 1"
+
+
+_RECURRENT = Only("cell", ("gru", "lstm"))
+_EARLY = Only("decision", ("early",))
+_PROTOTYPES = Only("readout", ("prototypes",))
+_POSITION = Only("position", (True,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,8 +162,8 @@ class Onset(Group):
     """
 
     onset: OnsetRule = "band"
-    band_low: StrictInt = 0
-    band_high: StrictInt = 0
+    band_low: Annotated[StrictInt, Only("onset", ("band",))] = 0
+    band_high: Annotated[StrictInt, Only("onset", ("band",))] = 0
     onset_mean_frames: StrictInt = 64
     onset_check_frames: StrictInt = 16
     onset_threshold: Annotated[StrictInt, Interval(ge=1, le=65535)] = 12
@@ -218,12 +220,14 @@ class Windows(Group):
     """
 
     window_mode: WindowMode = "touch"
-    pretrigger_frames: Annotated[StrictInt, Interval(ge=0, le=1024)] = 50
+    pretrigger_frames: Annotated[
+        StrictInt, Interval(ge=0, le=1024), Only("window_mode", ("touch",), absent=0)
+    ] = 50
     touch_frames: Annotated[StrictInt, Interval(ge=1, le=65535)] = 6144
     hop: Annotated[StrictInt, Interval(ge=1, le=65535)] = 307
     window: StrictInt = 615
     steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 20
-    store_per_window: Annotated[StrictInt, Interval(ge=2, le=8)] = 8
+    store_per_window: Annotated[StrictInt, Interval(ge=2, le=8), Only("window_mode", ("whole",))] = 8
 
     def refusals(self) -> Iterator[Refusal]:
         if self.window not in (2 * self.hop, 2 * self.hop + 1):
@@ -232,8 +236,6 @@ class Windows(Group):
             mode = f"with window_mode '{self.window_mode}'"
             if self.window != 2 * self.hop:
                 yield "window", f"is {self.window}; {mode} it is 2 hop = {2 * self.hop} frames"
-            if self.pretrigger_frames:
-                yield "pretrigger_frames", f"must be 0 {mode}, which keeps no raw frames"
         if self.window_mode == "touch" and self.hop * (self.steps - 1) + 1 > self.touch_frames:
             yield (
                 "steps",
@@ -324,14 +326,14 @@ class Network(Group):
     """
 
     cell: Cell = "gru"
-    weight_sets: WeightSets = "window"
-    reset: Reset = "before"
-    gate_activation: GateActivation = "sigmoid"
-    hidden: Annotated[StrictInt, Interval(ge=4, le=32)] = 12
+    weight_sets: Annotated[WeightSets, Only("cell", ("linear",))] = "window"
+    reset: Annotated[Reset, Only("cell", ("gru",))] = "before"
+    gate_activation: Annotated[GateActivation, _RECURRENT] = "sigmoid"
+    hidden: Annotated[StrictInt, Interval(ge=4, le=32), _RECURRENT] = 12
     class_names: tuple[StrictStr, ...] = ("brush", "roll", "slide")
     decision: Decision = "vote"
-    early_margin: Code = 0
-    early_steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 1
+    early_margin: Annotated[Code, _EARLY] = 0
+    early_steps: Annotated[StrictInt, Interval(ge=1, le=256), _EARLY] = 1
     margin_threshold: Code = 0
 
     def refusals(self) -> Iterator[Refusal]:
@@ -357,28 +359,25 @@ class ReadoutRule(Group):
     """
 
     readout: Readout = "dense"
-    prototypes: Annotated[StrictInt, Interval(ge=1, le=16)] = 1
-    taught: Annotated[StrictInt, Interval(ge=0, le=16)] = 0
-    state_code_bits: Annotated[StrictInt, Interval(ge=3, le=8)] = 4
-    state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15)] = 0
-    unknown_above: Code = 0
-    spare_classes: Annotated[StrictInt, Interval(ge=0, le=30)] = 0
-    taught_shift: Annotated[StrictInt, Interval(ge=0, le=3)] = 0
+    prototypes: Annotated[StrictInt, Interval(ge=1, le=16), _PROTOTYPES] = 1
+    taught: Annotated[StrictInt, Interval(ge=0, le=16), _PROTOTYPES] = 0
+    state_code_bits: Annotated[StrictInt, Interval(ge=3, le=8), _PROTOTYPES] = 4
+    state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15), _PROTOTYPES] = 0
+    unknown_above: Annotated[Code, _PROTOTYPES] = 0
+    spare_classes: Annotated[StrictInt, Interval(ge=0, le=30), _PROTOTYPES] = 0
+    taught_shift: Annotated[StrictInt, Interval(ge=0, le=3), _PROTOTYPES] = 0
 
     def refusals(self) -> Iterator[Refusal]:
-        if self.taught_shift and not self.taught and self.readout != "dense":
+        if self.taught_shift and not self.taught:
             yield (
                 "taught_shift",
                 f"is {self.taught_shift}, but there are no slots for taught touches; set taught",
             )
-        if self.spare_classes and not self.taught and self.readout != "dense":
+        if self.spare_classes and not self.taught:
             yield (
                 "spare_classes",
                 f"is {self.spare_classes}, but there are no slots to teach them; set taught",
             )
-        for field in dataclasses.fields(self):
-            if self.readout == "dense" and getattr(self, field.name) != field.default:
-                yield field.name, "belongs to readout 'prototypes', and readout is 'dense'; leave it out"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -529,9 +528,9 @@ class Interface(Group):
     position: StrictBool = False
     rows: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
     columns: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
-    position_rest: StrictInt = 0
-    position_threshold: Annotated[StrictInt, Ge(0)] = 1
-    slide_least: Annotated[StrictInt, Interval(ge=1, le=255)] = 16
+    position_rest: Annotated[StrictInt, _POSITION] = 0
+    position_threshold: Annotated[StrictInt, Ge(0), _POSITION] = 1
+    slide_least: Annotated[StrictInt, Interval(ge=1, le=255), _POSITION] = 16
     stimulator: Stimulator = "none"
     electrodes: tuple[StrictInt, ...] = ()
     stim_amplitude: Annotated[StrictInt, Interval(ge=0, le=255)] = 12

@@ -59,13 +59,7 @@ VARIANTS = {
     "linear, rom": dict(cell="linear", loadable=False),
     "checked, rom": dict(checksum=True, loadable=False),
     "free, baseline": dict(
-        window_mode="free",
-        window=6,
-        pretrigger_frames=0,
-        rest="tracked",
-        rest_frames=5,
-        onset="baseline",
-        onset_threshold=300,
+        window_mode="free", window=6, rest="tracked", rest_frames=5, onset="baseline", onset_threshold=300
     ),
     "immediate": dict(
         onset="immediate", rest="initial", rest_frames=3, pretrigger_frames=0, decision="early"

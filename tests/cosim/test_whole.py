@@ -13,7 +13,6 @@ from tests.support.strategies import Design, differences
 
 BASE = TRACKED.replace(
     window_mode="whole",
-    pretrigger_frames=0,
     feature_kinds=("mean",),
     hop=3,
     window=6,

@@ -23,7 +23,7 @@ MODELS: dict[str, Record] = {
         "cell": "linear", "decision": "last", "feature_kinds": FEATURE_KINDS,
         "activity_rule": "change", "feature_scale": "taxel",
     },
-    "GRU, reset before": {"cell": "gru", "reset": "before"},
+    "GRU, reset before": {"cell": "gru"},
     "GRU, reset after": {"cell": "gru", "reset": "after", "feature_kinds": ("mean", "activity"), **WIDE},
     "LSTM": {"cell": "lstm", "decision": "vote", **WIDE},
     "GRU, early": {"cell": "gru", "decision": "early", "early_steps": 2, "early_margin": 64},

@@ -15,7 +15,7 @@ BAND = dict(onset="band", band_low=REST - 100, band_high=REST + 100)
 TOUCH = dict(
     window_mode="touch", pretrigger_frames=4, touch_frames=40, hop=7, window=15, steps=5, rearm_frames=13
 )
-FREE = dict(window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, rearm_frames=13)
+FREE = dict(window_mode="free", hop=6, window=12, steps=4, rearm_frames=13)
 FAULTS = dict(fault_frames=8, fault_activity=25)
 TRACKED = dict(
     rest="tracked",

@@ -40,7 +40,6 @@ TRACKED = AcceleratorConfig.of(
     onset_threshold=20,
     rearm_frames=16,
     window_mode="free",
-    pretrigger_frames=0,
     hop=8,
     window=16,
     steps=5,

@@ -42,7 +42,7 @@ after these."""
 EVENTS = RING.replace(sample_bits=2, band_low=1, band_high=2, fault_frames=0)
 """Codes of two levels: means with fraction bits."""
 FOLLOWING = RING.replace(
-    window_mode="whole", pretrigger_frames=0, window=8, touch_frames=100, steps=3, store_per_window=2, rearm_frames=5,
+    window_mode="whole", window=8, touch_frames=100, steps=3, store_per_window=2, rearm_frames=5,
     feature_kinds=FEATURE_KINDS, activity_block=2, cell="linear", decision="last",
 )  # fmt: skip
 """Touches of every end, of which some fill the store several times."""

@@ -141,7 +141,7 @@ def test_other_archives_and_models_are_refused(tmp_path):
     save_archive(dataclasses.replace(of, groups={}, sample_rate_hz=2 * RATE), path)
     with refused("use recordings and a model of one sensor"):
         GrowingArchive(path, config)
-    at_once = dict(onset="immediate", window_mode="free", window=8, pretrigger_frames=0)
+    at_once = dict(onset="immediate", window_mode="free", window=8)
     with refused("finds no touch to record"):
         Recorder(None, random_integer_model(CONFIG.replace(**at_once), 5))
 

@@ -72,7 +72,7 @@ class Twin:
 
 def test_windows_that_follow_the_touch_come_when_it_ends(recordings):
     """The onset is shown at once, no step before the touch's last frame, and then all of them."""
-    config = CONFIG.replace(window_mode="whole", window=8, pretrigger_frames=0, touch_frames=200)
+    config = CONFIG.replace(window_mode="whole", window=8, touch_frames=200)
     source, samples = ModelSource(random_integer_model(config, 5)), recordings.recording(0)
     source.arm()
     frames = [source.take(samples[at : at + 1]) for at in range(len(samples))] + [source.finish()]

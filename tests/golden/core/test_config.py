@@ -111,12 +111,38 @@ def test_a_configuration_survives_its_file_and_its_flat_fields():
         assert AcceleratorConfig.from_dict(json.loads(preset.to_json())) == preset
         flat = {name: preset.value(name) for name in preset.fields()}
         assert AcceleratorConfig.of(**flat) == preset
-    peaks = PRESETS["pvdf"].replace(feature_kinds=("mean", "peak"), feature_shift=())
+    peaks = AcceleratorConfig.from_dict({"features": {"feature_kinds": ["mean", "peak"]}})
     assert peaks.features.feature_kinds == ("mean", "highest", "lowest")
-    assert AcceleratorConfig.from_dict({"features": {"feature_kinds": ["peak"]}}).features.feature_kinds == (
-        "highest",
-        "lowest",
-    )
+
+
+@each_row(
+    "field, word, foreign, value",
+    [
+        ("rest", "none", "rest_frames", 3),
+        ("onset", "immediate", "band_low", 5),
+        ("window_mode", "free", "pretrigger_frames", 7),
+        ("window_mode", "touch", "store_per_window", 4),
+        ("cell", "gru", "weight_sets", "one"),
+        ("cell", "lstm", "reset", "after"),
+        ("cell", "linear", "hidden", 16),
+        ("decision", "vote", "early_steps", 2),
+        ("readout", "dense", "taught", 2),
+        ("position", False, "slide_least", 3),
+    ],
+)
+def test_a_variant_has_no_value_of_another(field, word, foreign, value):
+    variant = {"window": 614, "pretrigger_frames": 0, field: word}
+    config = AcceleratorConfig.of(**variant)
+    with refused(f"field {foreign}: is {value!r}; it belongs to .*: leave it out"):
+        config.replace(**{foreign: value})
+    # as in a file that names every field
+    assert AcceleratorConfig.of(**variant | {foreign: value}) == config
+
+
+def test_a_field_of_the_other_variant_leaves_with_it():
+    config = AcceleratorConfig.of(hidden=16).replace(cell="linear", window_mode="free", window=614)
+    assert (config.network.hidden, config.windows.pretrigger_frames) == (12, 0)
+    assert config.replace(window_mode="touch").windows.pretrigger_frames == 50
 
 
 def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():

@@ -68,7 +68,6 @@ def test_a_stream_is_not_taught_during_a_touch():
 @each_row(
     "fields, rule, words",
     [
-        ({}, {"readout": "dense", "taught": 2}, "field taught: belongs to readout 'prototypes'"),
         (
             {"steps": 20},
             RULE | {"state_code_bits": 8, "hidden": 32},

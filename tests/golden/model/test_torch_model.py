@@ -14,7 +14,7 @@ from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
 CELLS = [
-    {"cell": "gru", "reset": "before"},
+    {"cell": "gru"},
     {"cell": "gru", "reset": "after"},
     {"cell": "lstm"},
     {"cell": "linear"},

@@ -25,7 +25,6 @@ EXAMPLE = AcceleratorConfig.of(
     band_high=10,
     rearm_frames=4,
     window_mode="whole",
-    pretrigger_frames=0,
     touch_frames=64,
     hop=2,
     window=4,
@@ -139,7 +138,6 @@ def whole(config):
     window, steps = config.windows, config.windows.steps
     return config.replace(
         window_mode="whole",
-        pretrigger_frames=0,
         window=2 * window.hop,
         store_per_window=2 * (1 + steps % 3),
         touch_frames=window.hop * steps * (5 + steps),
@@ -180,7 +178,6 @@ def test_a_stream_and_batches_and_cut_windows_give_the_same(config, seed):
         ),
         ({"touch_frames": 3}, "touch_frames: is 3; the longest touch takes at least 2 hops of 2"),
         ({"window": 5}, "window: is 5; with window_mode 'whole' it is 2 hop = 4"),
-        ({"pretrigger_frames": 1}, "pretrigger_frames: must be 0 with window_mode 'whole'"),
         ({"store_per_window": 9}, "store_per_window"),
         (
             {"rearm_frames": 1},

@@ -51,11 +51,9 @@ class EngineBench(wiring.Component):
 
 def small(cell: str, reset: str, lanes: int, **changes) -> AcceleratorConfig:
     """A small configuration of a cell: 5 taxels, 6 hidden, 3 classes, 3 steps."""
-    windows = {"steps": 3, "hop": 4, "window": 8, "touch_frames": 64, "pretrigger_frames": 4}
-    sizes = {"taxels": 5, "hidden": 6, "lanes": lanes, **windows, **changes}
-    return PRESETS["thesis"].replace(
-        name="small", cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes
-    )
+    sizes = {"taxels": 5, "lanes": lanes, "steps": 3, "hop": 4, "window": 8, "touch_frames": 64} | changes
+    thesis = PRESETS["thesis"].replace(name="small", hidden=6, pretrigger_frames=4)
+    return thesis.replace(cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes)
 
 
 def windows(config: AcceleratorConfig, touches: int, seed: int) -> np.ndarray:
@@ -181,7 +179,7 @@ def test_the_largest_sum_of_a_row_keeps_its_sign():
 
 
 def test_a_window_in_its_buffer_has_its_own_flags():
-    whole = dict(window_mode="whole", pretrigger_frames=0, decision="last")
+    whole = dict(window_mode="whole", decision="last")
     dut, windows = WindowQueue(small("gru", "before", 3, **whole), 3), [(0, 1), (1, 0)]
 
     async def bench(ctx):

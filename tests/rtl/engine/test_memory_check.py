@@ -48,7 +48,7 @@ def test_no_single_flip_leaves_the_signature_and_no_slot_or_word_is_added(cell, 
 def test_every_kind_of_word_that_a_step_reads_bears_on_the_flag_and_no_other(cell, lanes):
     """A step's slots with the words that it reads and noise where it reads none; then with one change."""
     model = random_integer_model(
-        PRESETS["thesis"].replace(cell=cell, lanes=lanes, hidden=4, checksum=True), seed=3
+        PRESETS["thesis"].replace(hidden=4).replace(cell=cell, lanes=lanes, checksum=True), seed=3
     )
     code, images = Microcode(schedule(model.config)), memory_images(model.config, model.arrays)
     images |= {"addend": images[Memory.ADDENDS], "gate": images[Memory.CONSTANTS]}

@@ -20,7 +20,6 @@ def config_of(**changes) -> AcceleratorConfig:
         hidden=4,
         sample_rate_hz=1000.0,
         window_mode="free",
-        pretrigger_frames=0,
         hop=2,
         window=4,
         steps=2,

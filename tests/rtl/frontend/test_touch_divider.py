@@ -62,7 +62,7 @@ def window_beats(
 def test_any_touches(taxels, hop, steps, store, kinds, knee, stalls, seed):
     """Touches one behind the other, too short for a sum up to the longest, of the largest deviations too."""
     store += steps * store % 2  # sums are added in pairs
-    whole = dict(window_mode="whole", pretrigger_frames=0, rearm_frames=5, decision="last")
+    whole = dict(window_mode="whole", rearm_frames=5, decision="last")
     whole |= dict(hop=hop, window=2 * hop, steps=steps, touch_frames=13 * hop * steps)
     whole |= dict(taxels=taxels, store_per_window=store, feature_kinds=kinds, fault_frames=8)
     # with knee 0 a companded integral is wider than any sum that is stored

@@ -19,15 +19,7 @@ from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import scene
 
 CONFIG = PRESETS["thesis"].replace(
-    taxels=5,
-    feature_shift=(),
-    hidden=4,
-    steps=12,
-    hop=60,
-    window=120,
-    touch_frames=800,
-    lanes=1,
-    onset_threshold=5,
+    taxels=5, feature_shift=(), hidden=4, steps=12, hop=60, window=120, touch_frames=800, lanes=1
 )
 
 

@@ -164,5 +164,5 @@ def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
 
 def test_the_last_decision_of_a_whole_touch_where_steps_take_longest():
     """The detector, a store to halve, a window that leaves, two steps beside which others leave, the last one."""
-    whole = small("gru", "before", 2, window_mode="whole", pretrigger_frames=0, decision="last")
+    whole = small("gru", "before", 2, window_mode="whole", decision="last")
     assert decision_cycles(whole) == 1 + 132 + 85 + 2 * 130 + 94 == 4 * lowest_clock_hz(whole) / 3000

@@ -63,7 +63,7 @@ def tracked(**changes) -> AcceleratorConfig:
         "lanes": 3,
         "class_names": ("a", "b", "c"),
     }
-    return PRESETS["pvdf"].replace(**sizes | changes)
+    return PRESETS["pvdf"].replace(**sizes).replace(**changes)
 
 
 def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Recordings:

@@ -92,6 +92,6 @@ def test_frames_need_a_line_that_is_fast_enough():
 def test_what_needs_a_host_is_refused():
     with refused("there is no source of frames; add `converter`"):
         system.refuse_standalone(CONFIG.replace(converter="none"))
-    immediate = dict(onset="immediate", window_mode="free", window=614, pretrigger_frames=0)
+    immediate = dict(onset="immediate", window_mode="free", window=614)
     with refused("use 'band' or 'baseline'"):
         system.refuse_standalone(CONFIG.replace(**immediate))

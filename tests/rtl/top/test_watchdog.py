@@ -145,7 +145,7 @@ def test_what_stands_still_is_found(monkeypatch):
 @each_row(
     "config, wait",
     [
-        (small("gru", "before", 2, window_mode="whole", pretrigger_frames=0, decision="last"), 721),
+        (small("gru", "before", 2, window_mode="whole", decision="last"), 721),
         (PRESETS["pvdf"].with_readout(readout="prototypes", taught=2), 4864),
         (forest(), 672),
         (AcceleratorConfig.of_image(4, 32, ["conv 3 2", "dense 2"], ("a", "b")), 1482),

@@ -283,7 +283,7 @@ def moved(move: Any, monkeypatch, on: AcceleratorConfig, **plain: Any) -> Any:
 
 
 def test_a_linear_cell_is_tried_with_four_times_the_scans(monkeypatch):
-    at = dict(scan_every=4, window_mode="free", pretrigger_frames=0, fault_frames=0, fault_activity=0)
+    at = dict(scan_every=4, window_mode="free", fault_frames=0, fault_activity=0)
     on = stability_case.CONFIG.replace(**at, rest="initial", rest_frames=1)
     found = moved(more_scans, monkeypatch, on, is_linear=True)
     assert [fit for _, fit in found] == list(STURDY)
@@ -292,7 +292,7 @@ def test_a_linear_cell_is_tried_with_four_times_the_scans(monkeypatch):
 
 
 def test_a_recurrent_cell_is_tried_with_means_alone_under_the_tightest_clips(monkeypatch):
-    at = dict(onset="immediate", fault_frames=0, fault_activity=0, window_mode="free", pretrigger_frames=0)
+    at = dict(onset="immediate", fault_frames=0, fault_activity=0, window_mode="free")
     on = stability_case.CONFIG.replace(
         **at, rest="initial", feature_kinds=("mean", "activity"), activity_block=24
     )
@@ -329,9 +329,7 @@ def test_a_fault_detector_masks_dead_taxels_and_no_sound_one():
 
 def test_windows_that_divide_a_touch_are_sturdy_with_more_scans_and_without_the_level():
     recordings = stability_case.recordings()
-    at = stability_case.CONFIG.replace(
-        fault_frames=0, fault_activity=0, window_mode="free", pretrigger_frames=0
-    )
+    at = stability_case.CONFIG.replace(fault_frames=0, fault_activity=0, window_mode="free")
     once = at.replace(onset="immediate", rest="none", rest_frames=0, clip=0, scan_every=4)
     found, gated = map(Hardening(None, Screen(recordings)).dividing, (once, at))  # type: ignore[arg-type]
     assert [on.sensor.scan_every for on in found] == [4, 4, 2, 2, 1, 1]
