@@ -67,7 +67,8 @@ class WeightMemory(Block):
                 data=self.load_word,
             )
             halves.append(memory.word)
-        was_dense, chosen = Signal(), Signal(part)
+        was_dense = Signal()
+        chosen = Signal(part)
         m.d.sync += [was_dense.eq(self.dense), chosen.eq(self.address)]
         count = plan.dense_lanes * plan.weight_bits
         dense = Cat(*halves).word_select(chosen, count)

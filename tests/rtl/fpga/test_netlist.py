@@ -117,13 +117,14 @@ module accelerator(clk, d, q);
   input clk;
   input [1:0] d;
   output [1:0] q;
-  SB_DFFE \engine.core.a  (
+  wire busy = 1;
+  SB_DFFE \engine.a  (
     .C(clk),
     .D(d[0]),
     .E(1'h1),
     .Q(q[0])
   );
-  SB_DFF \front_end.averager.b  (
+  SB_DFF \front_end.b  (
     .C(clk),
     .D(d[1]),
     .Q(q[1])
@@ -202,5 +203,9 @@ def test_counters_count_what_changes(tmp_path):
     # operand b is not 0 at the first edge
     changes = 1 + sum(before != after for before, after in pairwise(driven[:CLOCKS]))
     count = read_count(tmp_path)
-    by_block = {"engine": toggles[0], "front_end": toggles[1]}
-    assert count == {"cycles": CLOCKS, "toggles": by_block, "multiplies": changes}
+    assert count == {
+        "cycles": CLOCKS,
+        "busy": CLOCKS,
+        "toggles": {"engine": toggles[0], "front_end": toggles[1]},
+        "multiplies": changes,
+    }
