@@ -999,9 +999,7 @@ class AcceleratorConfig:
         defaults = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)}
         network = {"cell": "image", "class_names": tuple(class_names)}
         values = _of_every_image(image) | defaults | fields | network
-        return cls.of(
-            **values | {field.name: getattr(image, field.name) for field in dataclasses.fields(image)}
-        )
+        return cls.of(**values | vars(image))
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
         """A copy with other lanes. None keeps the current value."""

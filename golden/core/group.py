@@ -75,13 +75,14 @@ class Group:
         yield from ()
 
     def replace(self, **changes: Any) -> Self:
-        """A copy with ``changes``, checked again. A field that only one of the two variants has gets its default."""
+        """A copy with ``changes``, checked again. If they change the variant, fields that only the old or only the new one
+        has get their defaults, unless ``changes`` has them."""
         fields = _of_variant(type(self), vars(self), vars(self))
         return type(self)(**_of_variant(type(self), fields, vars(self) | changes) | changes)
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Self:
-        """The group in ``values``, of which fields of other variants are dropped: files name every field."""
+        """The group with ``values``. Fields of other variants are dropped, because files name every field."""
         return cls(**_of_variant(cls, values, vars(cls) | values))
 
 

@@ -76,6 +76,11 @@ ImageMap = Annotated[
 ]
 LayerText = Annotated[StrictStr, AfterValidator(lambda text: str(parse_layer(text)))]
 
+_RECURRENT = Only("cell", ("gru", "lstm"))
+_EARLY = Only("decision", ("early",))
+_PROTOTYPES = Only("readout", ("prototypes",))
+_POSITION = Only("position", (True,))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Group):
@@ -142,12 +147,6 @@ class RestLevel(Group):
     def refusals(self) -> Iterator[Refusal]:
         if self.rest != "none" and not self.rest_frames:
             yield "rest_frames", f"is 0 with rest '{self.rest}'; give at least 1"
-
-
-_RECURRENT = Only("cell", ("gru", "lstm"))
-_EARLY = Only("decision", ("early",))
-_PROTOTYPES = Only("readout", ("prototypes",))
-_POSITION = Only("position", (True,))
 
 
 @dataclass(frozen=True, kw_only=True)
